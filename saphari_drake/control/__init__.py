@@ -1,0 +1,1 @@
+"""Torque laws, each a pure function and a thin LeafSystem."""

@@ -1,0 +1,1 @@
+"""External torque and contact force from joint measurements."""

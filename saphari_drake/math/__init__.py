@@ -1,0 +1,1 @@
+"""Laws and geometry on plain arrays; imports numpy and numba alone."""

@@ -1,0 +1,1 @@
+"""Cameras and what is read from their images."""

@@ -1,0 +1,46 @@
+"""Values that travel on abstract ports, so that the parts which exchange them need not import one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class CameraStatus(IntEnum):
+    """State of a camera as the localizer sees it, also published as a number."""
+
+    WAITING = 0  # no frame yet, and the first one is not overdue
+    OK = 1
+    STALE = 2  # the last frame is older than allowed
+    INVALID = 3  # frames arrive but hold almost no reading
+
+
+@dataclass(frozen=True)
+class ContactPoint:
+    """Where a person touches, or nearly touches, the robot.
+
+    Attributes
+    ----------
+    found : bool
+        Whether a person was seen close enough to be in contact; nothing else is meaningful if not.
+    link : int
+        Index of the link in the robot model (−1: none).
+    p_LC : (3,) array
+        Contact point on the link's surface, in the link frame (m).
+    n_L : (3,) array
+        Outward surface normal there, in the link frame.
+    distance : float
+        Distance of the nearest seen point of the person to the robot's surface (m).
+    stamp : float
+        Time at which the image was taken (s).
+    """
+
+    found: bool = False
+    link: int = -1
+    p_LC: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    n_L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    distance: float = np.inf
+    stamp: float = -np.inf

@@ -1,0 +1,1 @@
+"""A robot as the controllers see it."""

@@ -1,0 +1,1 @@
+"""Elements that may only reduce what the robot does."""

@@ -1,0 +1,1 @@
+"""The simulated cell, its people, and the runner of experiments."""
