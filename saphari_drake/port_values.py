@@ -18,6 +18,37 @@ class CameraStatus(IntEnum):
     INVALID = 3  # frames arrive but hold almost no reading
 
 
+class InteractionMode(IntEnum):
+    """What the robot does about a person, also published as a number."""
+
+    HOLD = 0  # nobody touches: keep the posture
+    CONTACT = 1  # touched at a known point
+    RETURN = 2  # released: the contact point goes back to where it was touched
+    YIELD = 3  # touched, but not seen where: only damping and gravity compensation
+    STOP = 4  # the camera is lost: compliant stop
+
+
+@dataclass(frozen=True)
+class Interaction:
+    """Decision of the contact monitor, for the estimator and the controllers.
+
+    Attributes
+    ----------
+    mode : InteractionMode
+    contact : ContactPoint
+        The contact that is controlled (in CONTACT and RETURN).
+    q_latched : (n,) array
+        Joint positions at the onset of the contact, or those to hold.
+    onset : int
+        Counts contacts and postures latched; a change means that `q_latched` is new.
+    """
+
+    mode: InteractionMode
+    contact: ContactPoint
+    q_latched: NDArray[np.float64]
+    onset: int
+
+
 @dataclass(frozen=True)
 class ContactPoint:
     """Where a person touches, or nearly touches, the robot.

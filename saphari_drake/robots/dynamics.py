@@ -81,6 +81,13 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
     return DynamicsTerms(q, v, M, Cv, CTv, g, p, R_WL, p_WL, S, V, A, t.parent)
 
 
+def point_position(robot: RobotModel, q: Array, link: int, p_LC: Array) -> Array:
+    """Return the position (3,) in the world of point p_LC of a link at joint positions `q`."""
+    t = robot.tree
+    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
+    return np.asarray(p_WL[link] + R_WL[link] @ p_LC)
+
+
 class RobotDynamics(LeafSystem):
     """Evaluates the dynamics of a measured state once, for all systems that need them.
 

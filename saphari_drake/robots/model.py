@@ -272,7 +272,7 @@ def _joints_in_order(plant: MultibodyPlant, instance: ModelInstanceIndex, path: 
     joints = [joint for joint in joints if joint.num_velocities() > 0 or not isinstance(joint, WeldJoint)]
     for joint in joints:
         if not isinstance(joint, (RevoluteJoint, PrismaticJoint)):
-            raise ModelError(f"{path}: joint '{joint.name()}' is {joint.type_name()}; revolute and prismatic are supported")
+            raise ModelError(f"{path}: joint '{joint.name()}' is {joint.type_name()}; only revolute and prismatic work")
     return sorted(joints, key=lambda joint: joint.position_start())
 
 

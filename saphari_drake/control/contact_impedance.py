@@ -1,0 +1,265 @@
+"""Impedance control of a contact anywhere on the arm, eq. (52)–(57) and (61)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from saphari_drake.control.torque_limits import limit_torque
+from saphari_drake.leaf import declare_cache, declare_readouts
+from saphari_drake.math.inverses import consistent_inverse
+from saphari_drake.parameters import diagonal, positive_definite, require_positive
+from saphari_drake.port_values import ContactPoint, Interaction, InteractionMode
+from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ContactImpedanceParameters:
+    """Impedance at the contact, and the behaviour without one. Gains: the deliverable, unless marked."""
+
+    # N/m, stiffness at the contact along the world's axes; one value or three.
+    K_p: list[float] | float = 500.0
+    # Ns/m, damping at the contact along the world's axes; one value or three.
+    K_d: list[float] | float = 80.0
+    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57), which needs no force estimate.
+    M_d: list[float] = field(default_factory=list)
+    # 1/s, damping of self-motion; one value or one a joint.
+    K_N: list[float] | float = 20.0
+    # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
+    hold_stiffness: list[float] | float = 225.0
+    # 1/s, damping over inertia of the held posture. A.
+    hold_damping: list[float] | float = 30.0
+    # 1/s, damping over inertia while yielding or stopping. A.
+    yield_damping: list[float] | float = 10.0
+    # s, time constant with which the torque of the mode that was left fades. A.
+    transition_time: float = 0.1
+    # kg, bound of the effective mass near singular directions of the contact. A.
+    max_effective_mass: float = 50.0
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in ("K_p", "K_d"):
+            diagonal(getattr(self, name), 3, name)
+        for name in ("K_N", "hold_stiffness", "hold_damping", "yield_damping"):
+            value = getattr(self, name)
+            diagonal(value, np.size(value), name)
+        if len(self.M_d):
+            positive_definite(self.M_d, 3, "M_d")
+        require_positive(self, "transition_time", "max_effective_mass", "period")
+
+
+class TorqueTerms(NamedTuple):
+    """Named parts (n,) of a torque command (Nm); their sum is the command before limits."""
+
+    task: Array
+    force: Array
+    null_space: Array
+    coriolis: Array
+    gravity: Array
+    transition: Array
+
+    def total(self) -> Array:
+        """Return the sum of all parts."""
+        return np.sum(self, axis=0)
+
+
+def contact_impedance_torque(
+    terms: DynamicsTerms,
+    point: PointKinematics,
+    p_desired: Array,
+    F: Array,
+    K_p: Array,
+    K_d: Array,
+    M_d: Array | None,
+    K_N: Array,
+    max_effective_mass: float,
+) -> TorqueTerms:
+    """Return the torque of the contact impedance, eq. (61).
+
+    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N.
+    With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
+    Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
+
+    Parameters
+    ----------
+    terms, point :
+        Dynamics, and kinematics of the contact point.
+    p_desired : (3,) array
+        x_d in the world (m), constant.
+    F : (3,) array
+        Force of the person on the robot (N, world).
+    K_p, K_d : (3, 3) arrays
+        N/m and Ns/m.
+    M_d : (3, 3) array or None
+        Desired inertia (kg), None for the natural one.
+    K_N : (n,) array
+        Null-space damping (1/s).
+    max_effective_mass : float
+        Bound of Λ's eigenvalues (kg); keeps the torque bounded where J_c loses rank.
+    """
+    J = point.Jv_WC
+    Lambda, _, P_c = consistent_inverse(J, terms.M, max_effective_mass)
+    spring = K_p @ (p_desired - point.p_WC) - K_d @ point.v_WC
+    if M_d is None:
+        task, force = J.T @ (spring - Lambda @ point.Jdotv_WC), np.zeros(len(terms.q))
+    else:
+        shaping = Lambda @ np.linalg.inv(M_d)
+        task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
+        force = J.T @ (shaping @ F - F)
+    null_space = -terms.M @ (P_c @ (K_N * terms.v))
+    return TorqueTerms(task, force, null_space, terms.Cv, terms.g, np.zeros(len(terms.q)))
+
+
+def posture_torque(terms: DynamicsTerms, q_desired: Array, stiffness: Array, damping: Array) -> TorqueTerms:
+    """Return the computed torque M(K(q_d − q) − D q̇) + C q̇ + g, with K in 1/s² and D in 1/s, (n,)."""
+    zero = np.zeros(len(terms.q))
+    task = terms.M @ (stiffness * (q_desired - terms.q) - damping * terms.v)
+    return TorqueTerms(task, zero, zero, terms.Cv, terms.g, zero)
+
+
+class _Output(NamedTuple):
+    terms: TorqueTerms
+    torque: Array
+    excess: Array
+    error: Array
+    p_WC: Array
+    law: tuple[str, int, int]
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """Law, torque and fading offset of the cycle before."""
+
+    law: tuple[str, int, int] | None
+    torque: Array
+    offset: Array
+
+
+_LAWS = {
+    InteractionMode.HOLD: "hold",
+    InteractionMode.CONTACT: "impedance",
+    InteractionMode.RETURN: "impedance",
+    InteractionMode.YIELD: "yield",
+    InteractionMode.STOP: "yield",
+}
+
+
+class ContactImpedanceController(LeafSystem):
+    """Answers a contact with an impedance, holds the posture without one.
+
+    .. pydrake_system::
+
+        name: ContactImpedanceController
+        input_ports:
+        - dynamics
+        - interaction
+        - contact_force
+        output_ports:
+        - torque_commanded
+        - torque_excess
+        - torque_terms
+        - position_error
+        - contact_position
+
+    Ports
+    -----
+    dynamics : abstract `DynamicsTerms`.
+    interaction : abstract `Interaction`, from `ContactMonitor`.
+    contact_force : 3 (N, world), from `ContactForceEstimator`; has no effect with the natural inertia.
+    torque_commanded : n (Nm), within the robot's limits.
+    torque_excess : n (Nm), what the limits cut off.
+    torque_terms : 6n (Nm), the parts of `TorqueTerms` one after the other.
+    position_error : 3 (m, world), x_d − x_c during contact and return, else zero.
+    contact_position : 3 (m, world), the controlled contact point; zero without one.
+
+    In contact and return: `contact_impedance_torque`, with x_d where the contact point was when the contact began.
+    In hold: `posture_torque` at the latched posture. Yielding or stopping: damping, Coriolis and gravity terms alone.
+    A change of law makes no jump: the difference is added, and fades with the transition time.
+    """
+
+    def __init__(self, robot: RobotModel, params: ContactImpedanceParameters | None = None) -> None:
+        super().__init__()
+        self._robot, self._params = robot, params or ContactImpedanceParameters()
+        self._read_gains(robot.n, self._params)
+        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
+        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
+        self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
+        zero = np.zeros(robot.n)
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(None, zero, zero)))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.period, self._update)
+        start = _Output(posture_torque(terms, robot.home, zero, zero), zero, zero, zero[:3], zero[:3], ("hold", 0, -1))
+        self._output = declare_cache(
+            self,
+            "torque",
+            start,
+            self._evaluate,
+            {
+                self._dynamics.ticket(),
+                self._interaction.ticket(),
+                self._force.ticket(),
+                self.abstract_state_ticket(self._memory),
+            },
+        )
+        declare_readouts(
+            self,
+            self._output,
+            {
+                "torque_commanded": (robot.n, lambda o: o.torque),
+                "torque_excess": (robot.n, lambda o: o.excess),
+                "torque_terms": (len(TorqueTerms._fields) * robot.n, lambda o: np.concatenate(o.terms)),
+                "position_error": (3, lambda o: o.error),
+                "contact_position": (3, lambda o: o.p_WC),
+            },
+        )
+
+    def _read_gains(self, n: int, params: ContactImpedanceParameters) -> None:
+        self._K_p, self._K_d = np.diag(diagonal(params.K_p, 3, "K_p")), np.diag(diagonal(params.K_d, 3, "K_d"))
+        self._M_d = positive_definite(params.M_d, 3, "M_d") if len(params.M_d) else None
+        self._K_N = diagonal(params.K_N, n, "K_N")
+        self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
+        self._hold_damping = diagonal(params.hold_damping, n, "hold_damping")
+        self._yield_damping = diagonal(params.yield_damping, n, "yield_damping")
+        self._fade = float(np.exp(-params.period / params.transition_time))
+
+    def _evaluate(self, context: Context) -> _Output:
+        terms: DynamicsTerms = self._dynamics.Eval(context)
+        interaction: Interaction = self._interaction.Eval(context)
+        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+        law = (_LAWS[interaction.mode], interaction.onset, interaction.contact.link)
+        error, p_WC = np.zeros(3), np.zeros(3)
+        if law[0] == "impedance":
+            link, p_LC = interaction.contact.link, interaction.contact.p_LC
+            point = terms.point(link, p_LC)
+            p_desired = point_position(self._robot, interaction.q_latched, link, p_LC)
+            error, p_WC = p_desired - point.p_WC, point.p_WC
+            F, bound = self._force.Eval(context), self._params.max_effective_mass
+            parts = contact_impedance_torque(
+                terms, point, p_desired, F, self._K_p, self._K_d, self._M_d, self._K_N, bound
+            )
+        elif law[0] == "hold":
+            parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
+        else:
+            parts = posture_torque(terms, terms.q, self._hold, self._yield_damping)
+        if memory.law is None or memory.law == law:
+            offset = memory.offset
+        else:
+            offset = memory.torque - parts.total()
+        parts = parts._replace(transition=offset)
+        torque, excess = limit_torque(parts.total(), self._robot.tau_max)
+        return _Output(parts, torque, excess, error, p_WC, law)
+
+    def _update(self, context: Context, state: State) -> None:
+        now: _Output = self._output.Eval(context)
+        memory = _Memory(now.law, now.torque, self._fade * now.terms.transition)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -1,0 +1,121 @@
+"""Contact force from the residual at a known contact point, with what cannot be observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import declare_cache, declare_readouts
+from saphari_drake.port_values import ContactPoint
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ContactForceParameters:
+    """Truncation of the least squares."""
+
+    # Singular values of J_c below this share of the largest count as zero.
+    rcond: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rcond < 1.0:
+            raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
+
+
+class ContactForce(NamedTuple):
+    """A contact force and how far it can be trusted."""
+
+    F_W: Array  # (3,) force that the person applies on the robot, world frame, N
+    rank: int  # dimensions of the force that the residual determines
+    unobservable: Array  # (3, 3) unit directions the residual cannot see as columns, zero columns behind them
+    misfit: Array  # (n,) r − J_cᵀF, Nm
+
+
+def estimate_contact_force(J: Array, r: Array, rcond: float) -> ContactForce:
+    """Return F̂ = (J_cᵀ)^# r, eq. (51), by truncated least squares.
+
+    The printed pseudo-inverse has no bound where J_c loses rank: points of the LWR4's link 3 move on a sphere round
+    the shoulder, so a radial force makes no joint torque. Such directions are left out of F̂ and returned.
+
+    Parameters
+    ----------
+    J : (3, n) array
+        Jacobian of the contact point.
+    r : (n,) array
+        Residual, r ≈ J_cᵀF (Nm).
+    rcond : float
+        Relative size below which a singular value counts as zero.
+    """
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    rank = int(np.count_nonzero(s > max(rcond * s[0], 1e-9)))
+    F_W = U[:, :rank] @ ((Vt[:rank] @ r) / s[:rank])
+    unobservable = np.zeros((3, 3))
+    unobservable[:, : 3 - rank] = U[:, rank:]
+    return ContactForce(F_W, rank, unobservable, r - J.T @ F_W)
+
+
+class ContactForceEstimator(LeafSystem):
+    """Estimates the force of one contact by eq. (51).
+
+    .. pydrake_system::
+
+        name: ContactForceEstimator
+        input_ports:
+        - dynamics
+        - residual
+        - contact_point
+        output_ports:
+        - contact_force
+        - rank
+        - unobservable_directions
+        - misfit
+
+    Ports
+    -----
+    dynamics : abstract `DynamicsTerms`.
+    residual : n (Nm), from `MomentumObserver`.
+    contact_point : abstract `ContactPoint`.
+    contact_force : 3 (N, world), force of the person on the robot; zero without a contact point.
+    rank : 1, number of force directions that are determined; 3 is a full estimate, 0 none.
+    unobservable_directions : 9, a 3×3 matrix by columns: unit vectors (world) along which the force is not known.
+    misfit : n (Nm), the part of the residual that no force at this point explains.
+    """
+
+    def __init__(self, robot: RobotModel, params: ContactForceParameters | None = None) -> None:
+        super().__init__()
+        self._params = params or ContactForceParameters()
+        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        terms.point(0, np.zeros(3))
+        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
+        self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
+        none = ContactForce(np.zeros(3), 0, np.eye(3), np.zeros(robot.n))
+        inputs = {self._dynamics.ticket(), self._residual.ticket(), self._point.ticket()}
+        estimate = declare_cache(self, "contact force", none, self._estimate, inputs)
+        declare_readouts(
+            self,
+            estimate,
+            {
+                "contact_force": (3, lambda e: e.F_W),
+                "rank": (1, lambda e: [float(e.rank)]),
+                "unobservable_directions": (9, lambda e: e.unobservable.T.ravel()),
+                "misfit": (robot.n, lambda e: e.misfit),
+            },
+        )
+
+    def _estimate(self, context: Context) -> ContactForce:
+        point = self._point.Eval(context)
+        r = self._residual.Eval(context)
+        if not point.found:
+            return ContactForce(np.zeros(3), 0, np.eye(3), np.array(r))
+        J = self._dynamics.Eval(context).point(point.link, point.p_LC).Jv_WC
+        return estimate_contact_force(J, r, self._params.rcond)

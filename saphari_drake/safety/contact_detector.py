@@ -1,0 +1,107 @@
+"""Contact detection from the size of the residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import diagonal, require_non_negative, require_positive
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ContactDetectorParameters:
+    """Threshold, hysteresis and noise of the detector."""
+
+    # Nm, one for all joints or one a joint; |r_i| above it is a contact. 1 to 2 in the literature; A.
+    threshold: list[float] | float = 1.0
+    # Nm, standard deviation of the residual without contact, one for all or one a joint; `residual_noise` measures it.
+    noise: list[float] | float = 0.0
+    # The threshold is at least this many standard deviations of the noise.
+    noise_multiple: float = 6.0
+    # Share of the threshold below which every |r_i| must stay for a release.
+    release_ratio: float = 0.5
+    # s; how long it must stay there.
+    release_time: float = 0.05
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        require_positive(self, "threshold", "noise_multiple", "period")
+        require_non_negative(self, "noise", "release_time")
+        if not 0.0 < self.release_ratio < 1.0:
+            raise ParameterError("release_ratio", f"must lie between 0 and 1, got {self.release_ratio}")
+
+
+def residual_noise(residuals: Array) -> Array:
+    """Return the standard deviation (n,) of residuals (T, n) recorded with nobody near, for the `noise` parameter."""
+    return np.asarray(residuals, dtype=float).std(axis=0)
+
+
+class ContactDetector(LeafSystem):
+    """Says whether the robot is touched.
+
+    .. pydrake_system::
+
+        name: ContactDetector
+        input_ports:
+        - residual
+        output_ports:
+        - contact
+        - ratio
+
+    Ports
+    -----
+    residual : n (Nm), from `MomentumObserver`.
+    contact : 1, 1 while touched, else 0.
+    ratio : 1, the largest |r_i| over its threshold.
+
+    Touched as soon as the ratio reaches 1, without delay; released after it has stayed below the release ratio for
+    the release time. The residual's size is the trigger; which link it is comes from vision.
+    """
+
+    def __init__(self, num_joints: int, params: ContactDetectorParameters | None = None) -> None:
+        super().__init__()
+        self._params = params = params or ContactDetectorParameters()
+        noise = diagonal(params.noise, num_joints, "noise")
+        self._threshold = np.maximum(
+            diagonal(params.threshold, num_joints, "threshold"), params.noise_multiple * noise
+        )
+        self._residual = self.DeclareVectorInputPort("residual", BasicVector(num_joints))
+        # Time left until release (s); 0 when not touched.
+        self._remaining = self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(params.period, params.period, self._update)
+        inputs = {self._residual.ticket()}
+        self.DeclareVectorOutputPort(
+            "contact",
+            BasicVector(1),
+            self._calc_contact,
+            prerequisites_of_calc=inputs | {self.discrete_state_ticket(self._remaining)},
+        )
+        self.DeclareVectorOutputPort("ratio", BasicVector(1), self._calc_ratio, prerequisites_of_calc=inputs)
+
+    def _ratio(self, context: Context) -> float:
+        return float(np.max(np.abs(self._residual.Eval(context)) / self._threshold))
+
+    def _touched(self, context: Context) -> bool:
+        return self._ratio(context) >= 1.0 or context.get_discrete_state(self._remaining).value()[0] > 0.0
+
+    def _calc_contact(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, float(self._touched(context)))
+
+    def _calc_ratio(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._ratio(context))
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        params, ratio = self._params, self._ratio(context)
+        remaining = context.get_discrete_state(self._remaining).value()[0]
+        if ratio >= 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
+            remaining = max(params.release_time, params.period)
+        else:
+            remaining = max(0.0, remaining - params.period)
+        values.set_value(self._remaining, [remaining])

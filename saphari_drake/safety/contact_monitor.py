@@ -1,0 +1,193 @@
+"""Decides what a contact means: hold, answer at a known point, return, yield, or stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from saphari_drake.parameters import require_positive
+from saphari_drake.port_values import CameraStatus, ContactPoint, Interaction, InteractionMode
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+_CAMERA_WORKS = (CameraStatus.WAITING, CameraStatus.OK)
+
+
+@dataclass
+class ContactMonitorParameters:
+    """When a contact is new, when a return is over."""
+
+    # m; a contact point that moves farther than this on its link, or changes the link, is a new contact.
+    new_contact_distance: float = 0.05
+    # m and rad/s; a return is over when the contact point is this near its latched position and the joints are slow,
+    position_tolerance: float = 0.001
+    velocity_tolerance: float = 0.02
+    # s; for this long,
+    settle_time: float = 0.2
+    # s; or when it has lasted this long.
+    return_timeout: float = 5.0
+    # s; how long the camera must work again before a stop ends.
+    camera_recovery_time: float = 0.5
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self,
+            "new_contact_distance",
+            "position_tolerance",
+            "velocity_tolerance",
+            "settle_time",
+            "return_timeout",
+            "camera_recovery_time",
+            "period",
+        )
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """State of the monitor: its decision and how long things have lasted (s)."""
+
+    interaction: Interaction
+    in_mode: float = 0.0
+    settled: float = 0.0
+    camera_works: float = np.inf
+
+
+class ContactMonitor(LeafSystem):
+    """Decides the mode of physical interaction and latches what belongs to it.
+
+    .. pydrake_system::
+
+        name: ContactMonitor
+        input_ports:
+        - dynamics
+        - contact
+        - contact_point
+        - camera_status
+        output_ports:
+        - interaction
+        - active_contact
+        - mode
+
+    Ports
+    -----
+    dynamics : abstract `DynamicsTerms`.
+    contact : 1, from `ContactDetector`.
+    contact_point : abstract `ContactPoint`, from `ContactLocalizer`.
+    camera_status : 1, a `CameraStatus`.
+    interaction : abstract `Interaction`.
+    active_contact : abstract `ContactPoint`, the one that is controlled; not found in other modes.
+    mode : 1, an `InteractionMode`.
+
+    Rules, in this order: a lost camera stops the robot, until it has worked again for a while; a contact that is felt
+    and seen is answered (CONTACT), one that is felt only makes the robot yield; a released contact point returns; a
+    robot at rest holds. Every decision takes one period.
+    """
+
+    def __init__(self, robot: RobotModel, params: ContactMonitorParameters | None = None) -> None:
+        super().__init__()
+        self._robot, self._params = robot, params or ContactMonitorParameters()
+        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._contact = self.DeclareVectorInputPort("contact", BasicVector(1))
+        self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
+        self._camera = self.DeclareVectorInputPort("camera_status", BasicVector(1))
+        start = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(start)))
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.period, self._update)
+        state = {self.abstract_state_ticket(self._memory)}
+        self.DeclareAbstractOutputPort(
+            "interaction",
+            lambda: AbstractValue.Make(start),
+            lambda context, value: value.set_value(self._interaction(context)),
+            prerequisites_of_calc=state,
+        )
+        self.DeclareAbstractOutputPort(
+            "active_contact",
+            lambda: AbstractValue.Make(ContactPoint()),
+            lambda context, value: value.set_value(self._interaction(context).contact),
+            prerequisites_of_calc=state,
+        )
+        self.DeclareVectorOutputPort(
+            "mode",
+            BasicVector(1),
+            lambda context, output: output.SetAtIndex(0, float(self._interaction(context).mode)),
+            prerequisites_of_calc=state,
+        )
+
+    def _interaction(self, context: Context) -> Interaction:
+        return context.get_abstract_state(int(self._memory)).get_value().interaction
+
+    def _start(self, context: Context, state: State) -> None:
+        interaction = replace(self._interaction(context), q_latched=self._dynamics.Eval(context).q)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(interaction))
+
+    def _update(self, context: Context, state: State) -> None:
+        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+        terms = self._dynamics.Eval(context)
+        touched = self._contact.Eval(context)[0] > 0.5
+        camera_works = CameraStatus(int(self._camera.Eval(context)[0])) in _CAMERA_WORKS
+        memory = self._with_clocks(memory, terms, camera_works)
+        interaction = self._decide(memory, terms, touched, camera_works, self._point.Eval(context))
+        in_mode = memory.in_mode if interaction.mode == memory.interaction.mode else 0.0
+        state.get_mutable_abstract_state(int(self._memory)).set_value(
+            replace(memory, interaction=interaction, in_mode=in_mode)
+        )
+
+    def _with_clocks(self, memory: _Memory, terms: DynamicsTerms, camera_works: bool) -> _Memory:
+        period, params, now = self._params.period, self._params, memory.interaction
+        near = True
+        if now.mode == InteractionMode.RETURN:
+            near = self._latched_error(now, terms) < params.position_tolerance
+        slow = float(np.max(np.abs(terms.v))) < params.velocity_tolerance
+        return replace(
+            memory,
+            in_mode=memory.in_mode + period,
+            settled=memory.settled + period if near and slow else 0.0,
+            camera_works=memory.camera_works + period if camera_works else 0.0,
+        )
+
+    def _latched_error(self, now: Interaction, terms: DynamicsTerms) -> float:
+        link, p_LC = now.contact.link, now.contact.p_LC
+        p_desired = point_position(self._robot, now.q_latched, link, p_LC)
+        return float(np.linalg.norm(p_desired - terms.point(link, p_LC).p_WC))
+
+    def _decide(
+        self, memory: _Memory, terms: DynamicsTerms, touched: bool, camera_works: bool, seen: ContactPoint
+    ) -> Interaction:
+        now, params = memory.interaction, self._params
+        if not camera_works or (
+            now.mode == InteractionMode.STOP and memory.camera_works < params.camera_recovery_time
+        ):
+            return self._enter(InteractionMode.STOP, now, terms)
+        if touched and seen.found:
+            return self._answer(now, terms, seen)
+        if touched:  # felt, not seen: keep answering where the contact was, or yield
+            known = now.mode == InteractionMode.CONTACT
+            return now if known else self._enter(InteractionMode.YIELD, now, terms)
+        if now.mode == InteractionMode.CONTACT:
+            return replace(now, mode=InteractionMode.RETURN)
+        returned = memory.settled >= params.settle_time or memory.in_mode >= params.return_timeout
+        if now.mode == InteractionMode.RETURN and not returned:
+            return now
+        return self._enter(InteractionMode.HOLD, now, terms)
+
+    def _answer(self, now: Interaction, terms: DynamicsTerms, seen: ContactPoint) -> Interaction:
+        if now.mode in (InteractionMode.CONTACT, InteractionMode.RETURN) and seen.link == now.contact.link:
+            if np.linalg.norm(seen.p_LC - now.contact.p_LC) < self._params.new_contact_distance:
+                return replace(now, mode=InteractionMode.CONTACT, contact=seen)
+        # A contact that was felt before it was seen began where it was felt.
+        q = now.q_latched if now.mode == InteractionMode.YIELD else terms.q
+        return Interaction(InteractionMode.CONTACT, seen, q, now.onset + 1)
+
+    def _enter(self, mode: InteractionMode, now: Interaction, terms: DynamicsTerms) -> Interaction:
+        if now.mode == mode:
+            return now
+        return Interaction(mode, ContactPoint(), terms.q, now.onset + 1)
