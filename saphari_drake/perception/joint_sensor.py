@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 
@@ -66,7 +67,7 @@ class JointSensor(LeafSystem):
         self._v = self.DeclareDiscreteState(robot.n)
         period = self._params.period
         self.DeclareInitializationDiscreteUpdateEvent(self._sample_first)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(period), update=self._sample)
         self.DeclareStateOutputPort("position_measured", self._q)
         self.DeclareStateOutputPort("velocity_measured", self._v)
 

@@ -1,0 +1,221 @@
+"""Where a person touches a robot, from one depth image and the posture of the robot when it was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+
+from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
+from saphari_drake.parameters import require_positive
+from saphari_drake.perception import localizer_kernels as kernels
+from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
+from saphari_drake.robots.shapes import LinkShapes
+
+Array = NDArray[np.float64]
+Depth = NDArray[np.float32]
+
+
+@dataclass
+class LocalizerParameters:
+    """Numbers of the contact localizer. Distances marked (s) hold at `scale_depth` and grow with the depth squared."""
+
+    # Distance around the robot within which the image is examined (m, > 0).
+    reach: float = 0.12
+    # Distance from the robot beyond which a reading surely is no robot (m, s, > grow_distance).
+    seed_distance: float = 0.020
+    # Distance beyond which a reading within 4 pixels of such a one is none either (m, s, > 0).
+    grow_distance: float = 0.008
+    # Margin before the background within which a reading counts as background (m, s, > 0).
+    background_margin: float = 0.020
+    # Depth at which (s) holds (m, > 0), and the least factor by which a smaller depth shrinks it (0–1).
+    scale_depth: float = 1.7
+    least_scale: float = 0.25
+    # Least number of the person's pixels in a 5 × 5 window (1–25), and in a connected component (≥ 1).
+    support: int = 9
+    component: int = 25
+    # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0).
+    rank: int = 6
+    softness: float = 0.005
+    spread: float = 0.05
+    # Distance of the person below which a contact is possible (m, > 0).
+    gate: float = 0.028
+    # Spacing of the person's points that are published (pixels, ≥ 1).
+    points_stride: int = 4
+    # Least share of the robot's visible axis points that must have a reading (0–1) for a frame to be valid.
+    least_seen: float = 0.5
+    # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
+    timeout: float = 0.08
+    # Time constant of the contact point's smoothing over frames (s, > 0).
+    time_constant: float = 0.15
+    # Distance from the smoothed point beyond which a point on the same link starts the smoothing anew (m, > 0).
+    jump: float = 0.04
+    # Frames in a row that must show another link before it is taken while in contact (≥ 1).
+    switch_frames: int = 2
+    # Time over which postures are remembered (s, > 0); more than the camera's latency and one frame.
+    memory: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
+            "support", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout", "time_constant",
+            "jump", "switch_frames", "memory",
+        )  # fmt: skip
+        if self.grow_distance >= self.seed_distance:
+            raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
+        if self.least_scale > 1.0:
+            raise ParameterError("least_scale", f"must not exceed 1, got {self.least_scale}")
+        if self.support > 25:
+            raise ParameterError("support", f"a window has 25 pixels, got {self.support}")
+        if not 0.0 <= self.least_seen <= 1.0:
+            raise ParameterError("least_seen", f"must lie in 0–1, got {self.least_seen}")
+        if self.gate > self.reach:
+            raise ParameterError("gate", f"must not exceed reach ({self.reach} m), got {self.gate}")
+
+
+class Localization(NamedTuple):
+    """What one image shows.
+
+    Attributes
+    ----------
+    link : int
+        Link that the person is nearest to (−1: nobody within `reach`).
+    distance : float
+        Distance there (m).
+    p_LC, n_L : (3,) arrays
+        Nearest surface point (m) and outward normal, in the link's frame.
+    seen : float
+        Share of the robot's visible axis points that have a reading.
+    human_points : (k, 3) array
+        The person's points in the world (m).
+    """
+
+    link: int
+    distance: float
+    p_LC: Array
+    n_L: Array
+    seen: float
+    human_points: Array
+
+
+def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameters | None = None) -> Depth:
+    """Learn the static background of each pixel from frames with the robot in several postures and no person.
+
+    It is the median of the farthest readings that agree, at least two and a tenth of all frames. A pixel without a
+    reading in half of the frames has its background at +inf: whatever appears there is in front of it.
+
+    Parameters
+    ----------
+    frames : (k, height, width) float32 array, or sequence of images
+        Depth (m); 0, NaN and +inf are no reading.
+    """
+    params = params or LocalizerParameters()
+    stack = np.array(frames, dtype=np.float32)
+    if stack.ndim != 3 or len(stack) == 0:
+        raise StateError(f"frames: one or more images are needed, got shape {stack.shape}")
+    stack[~((stack > 0.0) & np.isfinite(stack))] = np.nan
+    count = len(stack)
+    missing = np.isnan(stack).sum(axis=0)
+    stack = -np.sort(-stack, axis=0)  # farthest first, no reading last
+    needed = min(count, max(2, int(np.ceil(0.1 * count))))
+    background = np.full(stack.shape[1:], np.inf, dtype=np.float32)
+    open_ = missing < 0.5 * count
+    for i in range(count):
+        if not open_.any():
+            break
+        top = stack[i][open_]
+        tolerance = 2.0 * params.background_margin * np.maximum((top / params.scale_depth) ** 2, params.least_scale)
+        agree = stack[i:][:, open_] >= top - tolerance
+        size = agree.sum(axis=0)
+        median = np.take_along_axis(stack[i:][:, open_], np.maximum(size - 1, 0)[None] // 2, axis=0)[0]
+        rows, cols = np.nonzero(open_)
+        done = size >= needed
+        background[rows[done], cols[done]] = median[done]
+        open_[rows[done], cols[done]] = False
+    return background
+
+
+class ContactVision:
+    """The localizer's law with its constants: image tables, shapes, camera pose and background limit.
+
+    Parameters
+    ----------
+    shapes : LinkShapes
+        The robot's surface.
+    camera : CameraParameters
+    params : LocalizerParameters
+    background : (height, width) float32 array, optional
+        As `background_depth` gives it; default: nothing but the robot and the person is in view.
+    """
+
+    def __init__(
+        self,
+        shapes: LinkShapes,
+        camera: CameraParameters,
+        params: LocalizerParameters,
+        background: Depth | None = None,
+    ) -> None:
+        size = (camera.height, camera.width)
+        if background is None:
+            background = np.full(size, np.inf, dtype=np.float32)
+        if background.shape != size:
+            raise ParameterError("background", f"needs the image's shape {size}, got {background.shape}")
+        if shapes.count > 127:
+            raise ParameterError("robot", f"at most 127 collision shapes are supported, got {shapes.count}")
+        self.shapes, self.params, self.X_WC = shapes, params, camera_pose(camera)
+        self.x, self.y = ray_tables(camera)
+        self.pinhole = camera.focal_x, camera.focal_y, camera.center_x, camera.center_y
+        self._bounds = bounding_capsules(shapes.kind, shapes.size)
+        scale = np.maximum((background / params.scale_depth) ** 2, params.least_scale)
+        limit = np.full(size, np.inf)
+        np.subtract(background, params.background_margin * scale, out=limit, where=np.isfinite(background))
+        self.limit = limit.astype(np.float32)
+
+    def localize(self, depth: Depth, R_WL: Array, p_WL: Array) -> Localization:
+        """Find the person's nearest point on the robot.
+
+        Parameters
+        ----------
+        depth : (height, width) float32 array
+            Depth image (m); 0, NaN and +inf are no reading.
+        R_WL, p_WL : (n, 3, 3) and (n, 3) arrays
+            Poses of the links when the image was taken.
+        """
+        p, shapes = self.params, self.shapes
+        R_WS, p_WS = shapes.in_world(R_WL, p_WL)
+        X_CW: RigidTransform = self.X_WC.inverse()
+        R_CW = X_CW.rotation().matrix()
+        R_CS, p_CS = R_CW @ R_WS, p_WS @ R_CW.T + X_CW.translation()
+        rows, cols = depth.shape
+        radius, half, axis = self._bounds
+        left, right = kernels.row_intervals(radius, half, axis, R_CS, p_CS, p.reach, *self.pinhole, rows, cols)
+        region = kernels.region_of(left, right)
+        best, owner, weak, strong = kernels.distances(
+            depth, self.limit, self.x, self.y, shapes.kind, shapes.size, R_CS, p_CS, left, right, region,
+            p.seed_distance, p.grow_distance, p.scale_depth, p.least_scale,
+        )  # fmt: skip
+        human = kernels.human_mask(weak, strong, p.support, p.component)
+        link, distance, p_C = kernels.soft_minimum(
+            depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
+            p.rank, p.softness, p.spread,
+        )  # fmt: skip
+        seen = kernels.share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
+        points = kernels.human_points(depth, self.limit, self.x, self.y, human, region, p.points_stride)
+        R_WC, p_WC = R_CW.T, self.X_WC.translation()
+        points = points @ R_CW + p_WC
+        if link < 0 or distance > p.reach:
+            return Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)
+        p_L = R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link])
+        p_LC, n_L = self.on_surface(link, p_L)
+        return Localization(link, distance, p_LC, n_L, seen, points)
+
+    def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:
+        """Return the surface point of a link nearest to p_L and the outward normal there, all in the link's frame."""
+        s = self.shapes
+        _, _, p_LC, n_L = nearest_surface_point(s.kind, s.size, s.R_LS, s.p_LS, s.link == link, p_L)
+        return p_LC, n_L

@@ -1,0 +1,331 @@
+"""The compiled passes of the contact localizer, from a depth image to a point on the robot's surface.
+
+All passes work in the camera frame C (x right, y down, z forward). The region is the rectangle of the image, first row
+and column included, last ones not, outside of which nothing is near the robot. Arrays over it carry a border of
+`BORDER` pixels, so that windows need no checks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from saphari_drake.math.geometry import BOX, CAPSULE, nearest_surface_point
+
+BORDER = 4  # pixels; also the reach of growth and more than half a support window
+SUPPORT = 2  # pixels; the support window is 5 × 5
+
+
+@njit(cache=True)
+def row_intervals(radius, half, axis, R_CS, p_CS, reach, fx, fy, cx, cy, rows, cols):
+    """Return, for each shape and row, the columns whose rays pass within `reach` (m) of it: left, right (s, rows).
+
+    Each shape's bounding capsule is covered by spheres, and a sphere's silhouette in a row is exact.
+    """
+    count = radius.shape[0]
+    left = np.full((count, rows), cols, np.int64)
+    right = np.zeros((count, rows), np.int64)
+    for s in range(count):
+        R = radius[s] + reach
+        spheres = 1 + int(np.ceil(4.0 * half[s] / R))
+        gap = 2.0 * half[s] / max(spheres - 1, 1)
+        R2 = R * R + 0.25 * gap * gap
+        u = R_CS[s, :, axis[s]]
+        for k in range(spheres):
+            t = -half[s] + k * gap
+            x, y, z = p_CS[s, 0] + t * u[0], p_CS[s, 1] + t * u[1], p_CS[s, 2] + t * u[2]
+            if z <= -np.sqrt(R2):
+                continue
+            A, K = y * y + z * z - R2, x * x + y * y + z * z - R2
+            everywhere = A <= 0.0 or z * z <= R2  # the camera is in the sphere, or nearly beside it
+            for r in range(rows):
+                if everywhere:
+                    left[s, r], right[s, r] = 0, cols
+                    continue
+                v = (r + 0.5 - cy) / fy
+                m = v * y + z
+                D = K * (m * m - A * (v * v + 1.0))
+                if D <= 0.0 or m <= 0.0:
+                    continue
+                root = np.sqrt(D)
+                first = int(np.floor((x * m - root) / A * fx + cx - 0.5))
+                last = int(np.ceil((x * m + root) / A * fx + cx - 0.5)) + 1
+                left[s, r] = min(left[s, r], max(first, 0))
+                right[s, r] = max(right[s, r], min(last, cols))
+    return left, right
+
+
+@njit(cache=True)
+def region_of(left, right):
+    """Return first row, last row, first column and last column (last ones not included) of all intervals."""
+    rows = left.shape[1]
+    r0, r1, c0, c1 = rows, 0, np.int64(1 << 30), np.int64(0)
+    for s in range(left.shape[0]):
+        for r in range(rows):
+            if left[s, r] < right[s, r]:
+                r0, r1 = min(r0, r), max(r1, r + 1)
+                c0, c1 = min(c0, left[s, r]), max(c1, right[s, r])
+    return (r0, r1, c0, c1) if r0 < r1 else (0, 0, 0, 0)
+
+
+@njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
+def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
+    """Lower `best` (m) to the distance of the points (x z, y z, z) to shape s, which then owns them."""
+    r, a, b, c = np.float32(size[0]), np.float32(size[0]), np.float32(size[1]), np.float32(size[2])
+    px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
+    R00, R10, R20 = np.float32(R[0, 0]), np.float32(R[1, 0]), np.float32(R[2, 0])
+    R01, R11, R21 = np.float32(R[0, 1]), np.float32(R[1, 1]), np.float32(R[2, 1])
+    R02, R12, R22 = np.float32(R[0, 2]), np.float32(R[1, 2]), np.float32(R[2, 2])
+    zero, me = np.float32(0.0), np.int8(s)
+    n = z.shape[0]
+    if kind == CAPSULE:
+        for i in range(n):
+            wx, wy, wz = x[i] * z[i] - px, y * z[i] - py, z[i] - pz
+            t = wx * R02 + wy * R12 + wz * R22
+            t = b if t > b else (-b if t < -b else t)
+            wx, wy, wz = wx - t * R02, wy - t * R12, wz - t * R22
+            d = np.sqrt(wx * wx + wy * wy + wz * wz) - r
+            owner[i] = me if d < best[i] else owner[i]
+            best[i] = d if d < best[i] else best[i]
+    elif kind == BOX:
+        for i in range(n):
+            wx, wy, wz = x[i] * z[i] - px, y * z[i] - py, z[i] - pz
+            qx = abs(wx * R00 + wy * R10 + wz * R20) - a
+            qy = abs(wx * R01 + wy * R11 + wz * R21) - b
+            qz = abs(wx * R02 + wy * R12 + wz * R22) - c
+            inside = qx if qx > qy else qy
+            inside = inside if inside > qz else qz
+            qx, qy, qz = (qx if qx > zero else zero), (qy if qy > zero else zero), (qz if qz > zero else zero)
+            d = np.sqrt(qx * qx + qy * qy + qz * qz) + (inside if inside < zero else zero)
+            owner[i] = me if d < best[i] else owner[i]
+            best[i] = d if d < best[i] else best[i]
+    else:
+        for i in range(n):
+            wx, wy, wz = x[i] * z[i] - px, y * z[i] - py, z[i] - pz
+            qx, qy = wx * R00 + wy * R10 + wz * R20, wx * R01 + wy * R11 + wz * R21
+            qz = abs(wx * R02 + wy * R12 + wz * R22) - b
+            qr = np.sqrt(qx * qx + qy * qy) - r
+            inside = qr if qr > qz else qz
+            qr, qz = (qr if qr > zero else zero), (qz if qz > zero else zero)
+            d = np.sqrt(qr * qr + qz * qz) + (inside if inside < zero else zero)
+            owner[i] = me if d < best[i] else owner[i]
+            best[i] = d if d < best[i] else best[i]
+
+
+@njit(cache=True)
+def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed, grow, z_ref, least):
+    """Measure the foreground of the region against the shapes whose inflated silhouette covers it.
+
+    Returns
+    -------
+    best (rows, cols) float32
+        Distance to the nearest of those shapes (m); +inf where no shape is near. Junk where not foreground.
+    owner (rows, cols) int8
+        That shape (−1: none).
+    weak, strong : (rows + 2 BORDER, cols + 2 BORDER) uint8
+        Foreground beyond the distances `grow` and `seed` (m), both times max((z / z_ref)², least).
+    """
+    r0, r1, c0, c1 = region
+    rows, cols = r1 - r0, c1 - c0
+    best = np.full((rows, cols), np.float32(np.inf), np.float32)
+    owner = np.full((rows, cols), np.int8(-1), np.int8)
+    weak = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
+    strong = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
+    line = np.empty(cols, np.float32)
+    seed, grow = np.float32(seed), np.float32(grow)
+    per_z, least, zero = np.float32(1.0 / z_ref), np.float32(least), np.float32(0.0)
+    for i in range(rows):
+        r = r0 + i
+        z_row, limit_row = z[r, c0:c1], limit[r, c0:c1]
+        found = 0
+        for j in range(cols):
+            ok = (z_row[j] > zero) & (z_row[j] < limit_row[j])
+            line[j] = z_row[j] if ok else zero
+            found += ok
+        if found == 0:
+            continue
+        for s in range(kind.shape[0]):
+            a, b = left[s, r], right[s, r]
+            if a < b:
+                _shape_row(kind[s], size[s], R_CS[s], p_CS[s], s, line[a - c0 : b - c0], x[a:b], y[r],
+                           best[i, a - c0 : b - c0], owner[i, a - c0 : b - c0])  # fmt: skip
+        weak_row = weak[i + BORDER, BORDER : BORDER + cols]
+        strong_row = strong[i + BORDER, BORDER : BORDER + cols]
+        best_row = best[i]
+        for j in range(cols):
+            scale = line[j] * per_z
+            scale = scale * scale
+            scale = scale if scale > least else least
+            ok = line[j] > zero
+            weak_row[j] = ok & (best_row[j] > grow * scale)
+            strong_row[j] = ok & (best_row[j] > seed * scale)
+    return best, owner, weak, strong
+
+
+@njit(cache=True)
+def _window_sum(mask, reach):
+    """Count the marked pixels within `reach` rows and columns of each pixel at least BORDER from the edge."""
+    rows, cols = mask.shape
+    n = cols - 2 * BORDER
+    across = np.zeros((rows, n), np.uint8)
+    total = np.zeros((rows, cols), np.uint8)
+    for r in range(rows):
+        out = across[r]
+        for k in range(-reach, reach + 1):
+            row = mask[r, BORDER + k : BORDER + k + n]
+            for j in range(n):
+                out[j] += row[j]
+    for r in range(BORDER, rows - BORDER):
+        out = total[r, BORDER : BORDER + n]
+        for k in range(-reach, reach + 1):
+            row = across[r + k]
+            for j in range(n):
+                out[j] += row[j]
+    return total
+
+
+@njit(cache=True)
+def _root(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True)
+def _drop_small(mask, least):
+    """Clear the 8-connected components with fewer than `least` pixels."""
+    rows, cols = mask.shape
+    most = rows * (cols // 2 + 1)
+    start, stop, row = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.int32)
+    parent = np.empty(most, np.int32)
+    count, above, above_end = 0, 0, 0
+    for r in range(rows):
+        line, first, c = mask[r], count, 0
+        while c < cols:
+            if line[c] == 0:
+                c += 1
+                continue
+            begin = c
+            while c < cols and line[c] != 0:
+                c += 1
+            start[count], stop[count], row[count], parent[count] = begin, c, r, count
+            k = above
+            while k < above_end and start[k] <= c:
+                if stop[k] >= begin:
+                    parent[_root(parent, k)] = _root(parent, count)
+                k += 1
+            while above < above_end and stop[above] < begin:
+                above += 1
+            count += 1
+        above, above_end = first, count
+    size = np.zeros(count, np.int64)
+    for k in range(count):
+        size[_root(parent, k)] += stop[k] - start[k]
+    for k in range(count):
+        if size[_root(parent, k)] < least:
+            mask[row[k], start[k] : stop[k]] = 0
+
+
+@njit(cache=True)
+def human_mask(weak, strong, support, component):
+    """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component."""
+    near = _window_sum(strong, BORDER)
+    human = np.where((weak > 0) & (near > 0), np.uint8(1), np.uint8(0))
+    count = _window_sum(human, SUPPORT)
+    human = np.where((human > 0) & (count >= support), np.uint8(1), np.uint8(0))
+    _drop_small(human, component)
+    return human
+
+
+@njit(cache=True)
+def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, region, rank, softness, spread):
+    """Return link, distance (m) and surface point (3,) in C of the person's nearest part; link −1 without one.
+
+    The anchor is the point of the person with the `rank`-th smallest distance d. Projections on its link's surface
+    within `spread` (m) of its own are averaged with weights exp(−(d − d_anchor) / softness), at most 1.
+    """
+    r0, r1, c0, c1 = region
+    rows, cols = r1 - r0, c1 - c0
+    nearest = np.full(rank, np.inf)
+    where = np.zeros((rank, 2), np.int64)
+    for i in range(rows):
+        for j in range(cols):
+            if human[i + BORDER, j + BORDER] and best[i, j] < nearest[rank - 1] and link[owner[i, j]] >= 0:
+                k = rank - 1
+                while k > 0 and nearest[k - 1] > best[i, j]:
+                    nearest[k] = nearest[k - 1]
+                    where[k] = where[k - 1]
+                    k -= 1
+                nearest[k] = best[i, j]
+                where[k, 0], where[k, 1] = i, j
+    if nearest[rank - 1] == np.inf:
+        return -1, np.inf, np.zeros(3)
+    i, j = where[rank - 1]
+    on = link[owner[i, j]]
+    chosen = link == on
+    point = np.empty(3)
+    point[2] = z[r0 + i, c0 + j]
+    point[0], point[1] = x[c0 + j] * point[2], y[r0 + i] * point[2]
+    _, anchor_d, anchor, _ = nearest_surface_point(kind, size, R_CS, p_CS, chosen, point)
+    far = anchor_d + 6.0 * softness
+    total, mean = 0.0, np.zeros(3)
+    for i in range(rows):
+        for j in range(cols):
+            if human[i + BORDER, j + BORDER] and best[i, j] < far and link[owner[i, j]] == on:
+                point[2] = z[r0 + i, c0 + j]
+                point[0], point[1] = x[c0 + j] * point[2], y[r0 + i] * point[2]
+                _, d, projection, _ = nearest_surface_point(kind, size, R_CS, p_CS, chosen, point)
+                gap = projection - anchor
+                if gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] < spread * spread:
+                    weight = np.exp(-max(d - anchor_d, 0.0) / softness)
+                    total += weight
+                    mean += weight * projection
+    return on, anchor_d, mean / total
+
+
+@njit(cache=True)
+def share_seen(z, half, axis, R_CS, p_CS, fx, fy, cx, cy):
+    """Return the share of the points on the shapes' axes, inside the image, at whose pixel anything is seen."""
+    rows, cols = z.shape
+    inside = seen = 0
+    for s in range(half.shape[0]):
+        for k in range(-3, 4):
+            p = p_CS[s] + (k / 3.0) * half[s] * R_CS[s, :, axis[s]]
+            if p[2] <= 0.0:
+                continue
+            c, r = int(np.floor(p[0] / p[2] * fx + cx)), int(np.floor(p[1] / p[2] * fy + cy))
+            if 0 <= r < rows and 0 <= c < cols:
+                inside += 1
+                seen += 0.0 < z[r, c] < np.inf
+    return seen / inside if inside > 0 else 0.0
+
+
+@njit(cache=True)
+def human_points(z, limit, x, y, human, region, stride):
+    """Return the person's points (k, 3) in C (m), at every `stride`-th row and column of the whole image.
+
+    In the region they are those of `human`; outside of it, foreground with five or more of its eight neighbours
+    within 5 cm in depth.
+    """
+    rows, cols = z.shape
+    r0, r1, c0, c1 = region
+    out = np.empty((((rows + stride - 1) // stride) * ((cols + stride - 1) // stride), 3))
+    count = 0
+    for r in range(0, rows, stride):
+        for c in range(0, cols, stride):
+            depth = z[r, c]
+            if not 0.0 < depth < limit[r, c]:
+                continue
+            if r0 <= r < r1 and c0 <= c < c1:
+                taken = human[r - r0 + BORDER, c - c0 + BORDER] > 0
+            else:
+                alike = -1
+                for i in range(max(r - 1, 0), min(r + 2, rows)):
+                    for j in range(max(c - 1, 0), min(c + 2, cols)):
+                        alike += abs(z[i, j] - depth) < 0.05
+                taken = alike >= 5
+            if taken:
+                out[count, 0], out[count, 1], out[count, 2] = x[c] * depth, y[r] * depth, depth
+                count += 1
+    return out[:count].copy()
