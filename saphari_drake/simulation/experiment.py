@@ -20,6 +20,7 @@ from pydrake.systems.framework import Diagram
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.simulation.files import atomic_path, write_text
 from saphari_drake.simulation.log import Log
+from saphari_drake.simulation.replay import start_meshcat
 from saphari_drake.simulation.results import Metric, Outcome, table, write_outputs
 from saphari_drake.simulation.scenario import checked, load_tree, merged, to_tree, with_assignments
 
@@ -136,7 +137,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
     meshcat = None
     if options.meshcat:
-        meshcat = Meshcat()
+        meshcat = start_meshcat()
         print(f"Meshcat: {meshcat.web_url()}", flush=True)
     status = PASSED
     for scenario in scenarios:
