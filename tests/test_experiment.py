@@ -3,6 +3,9 @@
 import io
 import json
 import math
+import os
+import subprocess
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -14,11 +17,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from saphari_drake.errors import SensorError
+from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.parameters import require_positive
 from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
 from saphari_drake.simulation.figures import Panel, time_panels
 from saphari_drake.simulation.recorder import Recorder
+from saphari_drake.simulation.scenario import dump, loaded, to_tree
 
 
 @dataclass
@@ -235,6 +239,15 @@ def test_bad_scenario_file_gives_2_and_one_line(text, said, capsys, tmp_path):
     assert said in one_error_line(capsys)
 
 
+def test_any_parameter_dataclass_loads_from_a_file(tmp_path):
+    path = tmp_path / "spring.yaml"
+    path.write_text(dump(to_tree(Spring(5.0, 1e-7))))
+    assert loaded(Spring(), path) == Spring(5.0, 1e-7)
+    path.write_text("damping: 0")
+    with pytest.raises(ParameterError, match="damping: must be positive"):
+        loaded(Spring(), path)
+
+
 def test_words_reach_text_fields_as_typed():
     seen = []
 
@@ -272,6 +285,34 @@ def test_figure_that_cannot_be_drawn_leaves_the_numbers_and_no_half_files(tmp_pa
     assert main(toy(run=broken), ["--case", "soft", "--out", str(tmp_path)]) == 2
     names = sorted(path.name for path in (tmp_path / "soft").iterdir())
     assert names == ["figure.png", "log.npz", "metrics.json", "scenario.yaml"]
+
+
+def test_results_of_an_earlier_run_do_not_outlive_a_failed_one(tmp_path):
+    arguments = ["--case", "soft", "--out", str(tmp_path)]
+    assert main(toy(), arguments) == 0
+    assert main(toy(), [*arguments, "--set", "defect=sensor"]) == 2
+    assert [path.name for path in (tmp_path / "soft").iterdir()] == ["scenario.yaml"]
+    assert "defect: sensor" in (tmp_path / "soft" / "scenario.yaml").read_text()
+
+
+def test_reader_that_goes_away_does_not_end_the_run(tmp_path):
+    script = tmp_path / "toy.py"
+    script.write_text(f"""import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from test_experiment import main, toy
+sys.exit(main(toy(), ["--out", {str(tmp_path / "out")!r}]))
+""")
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([sys.executable, script], stdout=writing, stderr=subprocess.PIPE, check=False)
+    os.close(writing)
+    assert done.returncode == 0 and done.stderr == b""
+    assert len(list((tmp_path / "out").glob("*/metrics.json"))) == 2
+
+
+def test_metric_named_twice_is_refused():
+    with pytest.raises(ParameterError, match="named more than once: x"):
+        Outcome([Metric("x", 1.0), Metric("x", 2.0)], Log([0.0]), lambda: None)
 
 
 def test_model_is_taken_where_allowed(tmp_path, capsys):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.geometry import MeshcatAnimation, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 
 from saphari_drake.errors import ParameterError
@@ -96,6 +96,17 @@ def test_one_sample_and_free_overlays(tmp_path):
     assert (tmp_path / "r.html").stat().st_size > 1e6
 
 
+def test_quaternions_keep_their_sign():
+    plant = MultibodyPlant(0.0)
+    plant.AddRigidBody("hand", SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.1)))
+    plant.Finalize()
+    angle = np.linspace(0.0, 1.0, 50)
+    rows = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle, angle, angle, angle])
+    flipped = rows.copy()
+    flipped[[3, 4, 20], :4] *= -1.0
+    np.testing.assert_array_equal(replay._continuous(plant, flipped), rows)
+
+
 def test_wrong_sizes_are_named(tmp_path):
     path = tmp_path / "r.html"
     with pytest.raises(ParameterError, match="positions: the plant has 1 positions"):
@@ -108,4 +119,6 @@ def test_wrong_sizes_are_named(tmp_path):
         write_replay(path, build, TIMES, POSITIONS, [Marker("a", [0, 0, 0]), Marker("a", [0, 0, 0])])
     with pytest.raises(ParameterError, match="times"):
         write_replay(path, build, TIMES[::-1], POSITIONS)
+    with pytest.raises(ParameterError, match="positions: row 2 is not finite"):
+        write_replay(path, build, TIMES, np.where(np.arange(101)[:, None] == 2, np.nan, POSITIONS))
     assert not path.exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import shutil
 import subprocess
@@ -11,17 +12,18 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
+from saphari_drake.simulation.command_line import complain, parser, say
 from saphari_drake.simulation.files import atomic_path, write_text
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.replay import start_meshcat
-from saphari_drake.simulation.results import Metric, Outcome, table, write_outputs
+from saphari_drake.simulation.results import Metric, Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.scenario import checked, load_tree, merged, to_tree, with_assignments
 
 __all__ = ["Experiment", "Log", "Metric", "Outcome", "RunOptions", "advance", "main"]
@@ -92,14 +94,17 @@ def advance(simulator: Simulator, duration: float, label: str = "") -> float:
     start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
     terminal = sys.stderr.isatty()
     steps = max(1, math.ceil(duration / CHUNK - 1e-9))
-    for step in range(1, steps + 1):
-        simulator.AdvanceTo(start + duration * step / steps)
-        wall = time.perf_counter() - wall_start
-        if terminal and (wall - shown > 0.1 or step == steps):
-            shown, done = wall, duration * step / steps
-            rate = done / max(wall, 1e-9)
-            print(f"\r{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {rate:.2f} × real time\x1b[K",
-                  end="\n" if step == steps else "", file=sys.stderr, flush=True)  # fmt: skip
+    try:
+        for step in range(1, steps + 1):
+            simulator.AdvanceTo(start + duration * step / steps)
+            wall, done = time.perf_counter() - wall_start, duration * step / steps
+            if terminal and (wall - shown > 0.1 or step == steps):
+                shown = wall
+                text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
+                print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+    finally:
+        if terminal and shown >= 0.0:
+            print(file=sys.stderr, flush=True)
     return time.perf_counter() - wall_start
 
 
@@ -117,17 +122,18 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     try:
         return _main(experiment, argv)
     except (SaphariError, OSError) as error:
-        return _complain(experiment, error)
+        complain(experiment.name, error)
+        return BAD_INPUT
     except KeyboardInterrupt:
         print(f"\n{experiment.name}: interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
 def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
-    options = _parser(experiment).parse_args(argv)
+    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.accepts_model).parse_args(argv)
     if options.list_cases:
         width = max(len(case) for case in experiment.cases)
-        print("\n".join(f"{case:<{width}}  {text}" for case, text in experiment.cases.items()))
+        say("\n".join(f"{case:<{width}}  {text}" for case, text in experiment.cases.items()))
         return PASSED
     scenarios = _scenarios(experiment, options)
     if options.graphviz is not None:
@@ -138,7 +144,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     meshcat = None
     if options.meshcat:
         meshcat = start_meshcat()
-        print(f"Meshcat: {meshcat.web_url()}", flush=True)
+        say(f"Meshcat: {meshcat.web_url()}")
     status = PASSED
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
@@ -146,19 +152,23 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
             passed = _run_case(experiment, scenario, RunOptions(meshcat, folder))
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
-            status = _complain(experiment, error, f"case {scenario.case}: ")
+            complain(experiment.name, error, f"case {scenario.case}: ")
+            status = BAD_INPUT
     if meshcat is not None and sys.stdin.isatty():
-        input("Press Enter to close the view. ")
+        with contextlib.suppress(EOFError):
+            input("Press Enter to close the view. ")
     return status
 
 
 def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     tree = to_tree(scenario)
+    if options.out is not None:
+        prepare_folder(options.out, tree)
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
-    print(f"\n{experiment.name} / {scenario.case}: {experiment.cases[scenario.case]}")
-    print(f"{table(outcome.metrics)}\n{scenario.case}: {word}", flush=True)
+    heading = f"{experiment.name} / {scenario.case}: {experiment.cases[scenario.case]}"
+    say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if options.out is not None:
         write_outputs(options.out, outcome, tree)
     return outcome.passed
@@ -210,47 +220,3 @@ def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
         raise ParameterError("--graphviz", f"a .{kind} file needs the program 'dot' of Graphviz; .dot works without")
     with atomic_path(path) as temporary:
         subprocess.run([dot, f"-T{kind}", "-o", str(temporary)], input=text.encode(), check=True)
-
-
-def _complain(experiment: Experiment, error: Exception, where: str = "") -> int:
-    text = str(error)
-    if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    print(f"{experiment.name}: error: {where}{' '.join(text.split())}", file=sys.stderr, flush=True)
-    return BAD_INPUT
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise SaphariError(f"{message} (--help lists the options)")
-
-
-def _parser(experiment: Experiment) -> argparse.ArgumentParser:
-    script, first = f"python diagrams/{experiment.name}.py", next(iter(experiment.cases))
-    parser = _Parser(
-        prog=experiment.name,
-        description=experiment.summary,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog=f"""examples:
-  {script} --list-cases
-  {script} --case {first} --out runs
-  {script} --case {first} --set seed=3 --set duration=2.5
-  {script} --scenario runs/{first}/scenario.yaml
-
-Every name in scenario.yaml can be set, nested ones with dots: --set controller.gain=20.
-Order: the case's own values, then --scenario, then --seed, --duration and --model, then --set.
-Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timing figures (*_ms_*) never decide.""",
-    )
-    add = parser.add_argument
-    add("--case", action="append", metavar="NAME", help="case to run; may be repeated (default: all)")
-    add("--list-cases", action="store_true", help="list the cases and stop")
-    add("--seed", type=int, metavar="N", help="seed of everything random")
-    add("--duration", type=float, metavar="S", help="simulated time (s)")
-    add("--set", action="append", default=[], metavar="PATH=VALUE", help="set a parameter by its dotted name")
-    add("--scenario", type=Path, metavar="FILE.yaml", help="parameters, all or some; a case named there is run")
-    model_help = "URDF or SDF of another robot" if experiment.accepts_model else "not accepted by this experiment"
-    add("--model", type=Path, metavar="FILE", help=model_help)
-    add("--out", type=Path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
-    add("--meshcat", action="store_true", help="live view in a browser; prints its address")
-    add("--graphviz", type=Path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")
-    return parser

@@ -121,7 +121,7 @@ def blank(rows: int = 1, columns: int = 1, title: str = "", size: tuple[float, f
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_time else False)
         if title:
-            figure.suptitle(title, fontsize=10.5)
+            figure.suptitle(title, fontsize=10.5, wrap=True)
     return figure, axes
 
 
@@ -161,6 +161,7 @@ def time_panels(log: Log, panels: Sequence[Panel], title: str, shade: Sequence[S
                 ax.axvspan(start, end, color=item.color, alpha=0.25, linewidth=0.0, label=label)
         draw_panel(ax, log, panel)
         legend(ax)
+    figure.align_ylabels()
     axes[-1, 0].set_xlabel("time [s]")
     if log.time.size > 1:
         axes[-1, 0].set_xlim(log.time[0], log.time[-1])

@@ -137,7 +137,7 @@ def write_replay(
     meshcat = start_meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     meshcat.StartRecording(fps, set_visualizations_while_recording=False)
     animation = meshcat.get_mutable_recording()
-    _record_plant(meshcat, build, frame_times - stamps[0], fps, _rows(stamps, q, frame_times, "positions"))
+    _record_plant(meshcat, build, stamps, q, frame_times, fps)
     for overlay in overlays:
         _record_overlay(meshcat, animation, overlay, stamps, frame_times)
     meshcat.StopRecording()
@@ -162,12 +162,21 @@ def start_meshcat(params: MeshcatParams | None = None) -> Meshcat:
 
 
 def _record_plant(
-    meshcat: Meshcat, build: Callable[[DiagramBuilder], MultibodyPlant], times: Array, fps: float, positions: Array
+    meshcat: Meshcat,
+    build: Callable[[DiagramBuilder], MultibodyPlant],
+    stamps: Array,
+    positions: Array,
+    frame_times: Array,
+    fps: float,
 ) -> None:
     builder = DiagramBuilder()
     plant = build(builder)
     if positions.ndim != 2 or positions.shape[1] != plant.num_positions():
         raise ParameterError("positions", f"the plant has {plant.num_positions()} positions, got {positions.shape}")
+    if not np.all(np.isfinite(positions)):
+        row = int(np.argmin(np.all(np.isfinite(positions), axis=1)))
+        raise ParameterError("positions", f"row {row} is not finite")
+    q = _rows(stamps, _continuous(plant, positions), frame_times, "positions")
     scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1.0 / fps)
@@ -176,11 +185,24 @@ def _record_plant(
     root = diagram.CreateDefaultContext()
     plant_context = plant.GetMyMutableContextFromRoot(root)
     visualizer_context = visualizer.GetMyContextFromRoot(root)
-    for time, q in zip(times, positions):
+    for frame, frame_positions in enumerate(q):
         # The frame number is rounded down; half a frame keeps it away from the edge.
-        root.SetTime(time + 0.5 / fps)
-        plant.SetPositions(plant_context, q)
+        root.SetTime((frame + 0.5) / fps)
+        plant.SetPositions(plant_context, frame_positions)
         visualizer.ForcedPublish(visualizer_context)
+
+
+def _continuous(plant: MultibodyPlant, positions: Array) -> Array:
+    """Return positions in which no quaternion changes its sign from row to row, so that they can be interpolated."""
+    result = positions.copy()
+    for index in plant.GetFloatingBaseBodies():
+        body = plant.get_body(index)
+        if body.has_quaternion_dofs():
+            start = body.floating_positions_start()
+            part = result[:, start : start + 4]
+            turned = np.sum(part[1:] * part[:-1], axis=1) < 0.0
+            part[1:] *= np.where(np.cumsum(turned) % 2 == 1, -1.0, 1.0)[:, None]
+    return result
 
 
 def _record_overlay(

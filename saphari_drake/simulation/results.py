@@ -16,11 +16,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import saphari_drake
+from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.files import atomic_path, write_text
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.scenario import dump
 
 TIMING = re.compile(r"_ms(_|$)")
+RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html")
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,12 @@ class Outcome:
     draw: Callable[[], Figure]
     replay: Callable[[Path], None] | None = None
 
+    def __post_init__(self) -> None:
+        names = [metric.name for metric in self.metrics]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ParameterError("metrics", f"named more than once: {', '.join(twice)}")
+
     @property
     def passed(self) -> bool:
         """Whether every metric that decides meets its bounds."""
@@ -152,17 +160,24 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any]) -> None:
-    """Write one case: scenario.yaml, metrics.json, log.npz, figure.png and, if there is one, replay.html."""
+def prepare_folder(folder: Path, scenario_tree: dict[str, Any]) -> None:
+    """Write scenario.yaml and remove the results of an earlier run, so that they cannot pass for those of this one."""
     folder.mkdir(parents=True, exist_ok=True)
+    for name in RESULTS:
+        (folder / name).unlink(missing_ok=True)
     write_text(folder / "scenario.yaml", dump(scenario_tree))
+
+
+def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any]) -> None:
+    """Write the results of a run: metrics.json, log.npz, figure.png and, if there is one, replay.html."""
+    metrics, log, picture, page = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree)
-    write_text(folder / "metrics.json", json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    outcome.log.save(folder / "log.npz")
+    write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    outcome.log.save(log)
     figure = outcome.draw()
     FigureCanvasAgg(figure)
-    with atomic_path(folder / "figure.png") as temporary:
+    with atomic_path(picture) as temporary:
         figure.savefig(temporary, dpi=150)
     if outcome.replay is not None:
-        with atomic_path(folder / "replay.html") as temporary:
+        with atomic_path(page) as temporary:
             outcome.replay(temporary)

@@ -98,6 +98,11 @@ def load_tree(path: str | Path) -> dict[str, Any]:
     return tree
 
 
+def loaded(default: S, path: str | Path) -> S:
+    """Return a copy of a scenario, or of any parameter dataclass, with the values of a file, checked."""
+    return checked(merged(default, load_tree(path)))
+
+
 def to_tree(value: Any) -> Any:
     """Return a scenario as nested dictionaries, lists and plain values."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
