@@ -12,6 +12,7 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation import replay
+from saphari_drake.simulation.overlays import rows_at
 from saphari_drake.simulation.replay import Arrow, Marker, write_replay
 
 TIMES = np.linspace(1.0, 2.0, 101)
@@ -67,8 +68,8 @@ def test_no_frame_is_dropped_and_arrow_follows(tmp_path, meshcat, monkeypatch):
             seen.append((frame, path.rsplit("/", 1)[-1], "X", X))
             self.animation.SetTransform(frame, path, X)
 
-    record = replay._record_overlay
-    monkeypatch.setattr(replay, "_record_overlay", lambda m, a, *rest: record(m, Spy(a), *rest))
+    record = replay.record_overlay
+    monkeypatch.setattr(replay, "record_overlay", lambda m, a, *rest: record(m, Spy(a), *rest))
     force = np.outer(np.clip(np.arange(101.0) - 50.0, 0.0, None), [0.0, 1.0, 0.0])
     arrow = Arrow("force", np.hstack([POSITIONS, np.zeros((101, 2))]), force, scale=0.01)
     write_replay(tmp_path / "r.html", build, TIMES, POSITIONS, [arrow], fps=50.0)
@@ -105,6 +106,13 @@ def test_quaternions_keep_their_sign():
     flipped = rows.copy()
     flipped[[3, 4, 20], :4] *= -1.0
     np.testing.assert_array_equal(replay._continuous(plant, flipped), rows)
+
+
+def test_rows_at_interpolates_or_takes_the_nearest():
+    stamps, values = np.array([0.0, 1.0, 3.0]), np.array([[0.0], [2.0], [4.0]])
+    at = np.array([-1.0, 0.4, 0.6, 2.5, 9.0])
+    np.testing.assert_allclose(rows_at(stamps, values, at, "x")[:, 0], [0.0, 0.8, 1.2, 3.5, 4.0])
+    np.testing.assert_allclose(rows_at(stamps, values, at, "x", nearest=True)[:, 0], [0.0, 0.0, 2.0, 4.0, 4.0])
 
 
 def test_wrong_sizes_are_named(tmp_path):

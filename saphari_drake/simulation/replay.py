@@ -5,87 +5,28 @@ from __future__ import annotations
 import html
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import (
-    Cylinder,
     Meshcat,
     MeshcatAnimation,
-    MeshcatCone,
     MeshcatParams,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
-    Rgba,
     SceneGraph,
-    Sphere,
 )
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.files import write_text
+from saphari_drake.simulation.overlays import Arrow, Marker, record_overlay, rows_at
+
+__all__ = ["Arrow", "Marker", "start_meshcat", "write_replay"]
 
 Array = NDArray[np.float64]
-
-ROOT = "/drake/overlays"
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """An arrow whose length follows a vector; it is hidden while that is zero or not finite.
-
-    Attributes
-    ----------
-    name : str
-    tail : (T, 3) or (3,) array
-        Where it starts, in the world (m).
-    vector : (T, 3) array
-        What it shows, in world axes.
-    scale : float
-        Length per unit of the vector (m).
-    color : (r, g, b) or (r, g, b, a)
-        From 0 to 1.
-    visible : (T,) array, optional
-        When to show it; default: always.
-    radius : float
-        Radius of the shaft (m).
-    """
-
-    name: str
-    tail: ArrayLike
-    vector: ArrayLike
-    scale: float = 0.01
-    color: Sequence[float] = (0.84, 0.37, 0.0)
-    visible: ArrayLike | None = None
-    radius: float = 0.008
-
-
-@dataclass(frozen=True)
-class Marker:
-    """A ball at a point; it is hidden while that is not finite.
-
-    Attributes
-    ----------
-    name : str
-    position : (T, 3) or (3,) array
-        Its centre in the world (m).
-    radius : float
-        In m.
-    color : (r, g, b) or (r, g, b, a)
-        From 0 to 1.
-    visible : (T,) array, optional
-        When to show it; default: always.
-    """
-
-    name: str
-    position: ArrayLike
-    radius: float = 0.015
-    color: Sequence[float] = (0.0, 0.45, 0.7)
-    visible: ArrayLike | None = None
 
 
 def write_replay(
@@ -139,7 +80,7 @@ def write_replay(
     animation = meshcat.get_mutable_recording()
     _record_plant(meshcat, build, stamps, q, frame_times, fps)
     for overlay in overlays:
-        _record_overlay(meshcat, animation, overlay, stamps, frame_times)
+        record_overlay(meshcat, animation, overlay, stamps, frame_times)
     meshcat.StopRecording()
     animation.set_autoplay(True)
     animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
@@ -176,7 +117,7 @@ def _record_plant(
     if not np.all(np.isfinite(positions)):
         row = int(np.argmin(np.all(np.isfinite(positions), axis=1)))
         raise ParameterError("positions", f"row {row} is not finite")
-    q = _rows(stamps, _continuous(plant, positions), frame_times, "positions")
+    q = rows_at(stamps, _continuous(plant, positions), frame_times, "positions")
     scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1.0 / fps)
@@ -203,58 +144,6 @@ def _continuous(plant: MultibodyPlant, positions: Array) -> Array:
             turned = np.sum(part[1:] * part[:-1], axis=1) < 0.0
             part[1:] *= np.where(np.cumsum(turned) % 2 == 1, -1.0, 1.0)[:, None]
     return result
-
-
-def _record_overlay(
-    meshcat: Meshcat, animation: MeshcatAnimation, overlay: Arrow | Marker, stamps: Array, frame_times: Array
-) -> None:
-    path = f"{ROOT}/{overlay.name}"
-    color = Rgba(*overlay.color)
-    anchor = overlay.tail if isinstance(overlay, Arrow) else overlay.position
-    points = _rows(stamps, np.atleast_2d(np.asarray(anchor, dtype=float)), frame_times, overlay.name)
-    shown = np.ones(frame_times.size, dtype=bool)
-    if overlay.visible is not None:
-        given = np.asarray(overlay.visible, dtype=float).reshape(-1, 1)
-        shown = _rows(stamps, given, frame_times, f"{overlay.name}.visible", nearest=True)[:, 0] > 0.5
-    shown &= np.all(np.isfinite(points), axis=1)
-    if isinstance(overlay, Marker):
-        meshcat.SetObject(path, Sphere(overlay.radius), color)
-        vectors = np.tile([0.0, 0.0, 1.0], (frame_times.size, 1))
-    else:
-        vectors = overlay.scale * _rows(stamps, np.asarray(overlay.vector, dtype=float), frame_times, overlay.name)
-        shown &= np.nan_to_num(np.linalg.norm(vectors, axis=1)) > 1e-6
-        # The shaft is a cylinder of length 1 from the tail on, stretched; the head keeps its size at the tip.
-        meshcat.SetObject(f"{path}/shaft/body", Cylinder(overlay.radius, 1.0), color)
-        meshcat.SetTransform(f"{path}/shaft/body", RigidTransform([0.0, 0.0, 0.5]))
-        head = MeshcatCone(4.0 * overlay.radius, 2.2 * overlay.radius, 2.2 * overlay.radius)
-        meshcat.SetObject(f"{path}/head/body", head, color)
-        flipped = RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0.0, 0.0, 0.0])
-        meshcat.SetTransform(f"{path}/head/body", flipped)
-    last: bool | None = None
-    for frame, (point, vector, visible) in enumerate(zip(points, vectors, shown)):
-        if bool(visible) != last:
-            last = bool(visible)
-            animation.SetProperty(frame, path, "visible", last)
-        if not visible:
-            continue
-        length = float(np.linalg.norm(vector))
-        rotation = RotationMatrix.MakeFromOneVector(vector / length, 2)
-        animation.SetTransform(frame, path, RigidTransform(rotation, point))
-        if isinstance(overlay, Arrow):
-            shaft = max(length - 4.0 * overlay.radius, 1e-4)
-            animation.SetProperty(frame, f"{path}/shaft", "scale", [1.0, 1.0, shaft])
-            animation.SetTransform(frame, f"{path}/head", RigidTransform([0.0, 0.0, max(length, 4.0 * overlay.radius)]))
-
-
-def _rows(stamps: Array, values: Array, at: Array, name: str, nearest: bool = False) -> Array:
-    """Return `values` at the times `at`, interpolated or from the nearest sample; one row holds for all times."""
-    if values.ndim == 2 and values.shape[0] == 1:
-        return np.repeat(values, at.size, axis=0)
-    if values.ndim != 2 or values.shape[0] != stamps.size:
-        raise ParameterError(name, f"needs a row for each of {stamps.size} times, got shape {values.shape}")
-    if nearest:
-        return values[np.argmin(np.abs(at[:, None] - stamps[None, :]), axis=1)]
-    return np.column_stack([np.interp(at, stamps, column) for column in values.T])
 
 
 def _with_title(page: str, title: str) -> str:
