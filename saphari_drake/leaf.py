@@ -1,4 +1,4 @@
-"""Two idioms of a LeafSystem: one cached evaluation, and vector ports that read parts of it."""
+"""Idioms of a LeafSystem: the control cycle, one cached evaluation, and vector ports that read parts of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,16 @@ from typing import Any
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
+
+
+# s; cycles fire this long after their nominal times. Times that are equal on paper differ by rounding, so that without
+# it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
+CYCLE_OFFSET = 1.0e-6
+
+
+def cycle(period: float) -> dict[str, float]:
+    """Return period and offset (s) of a control cycle's events; the first is one period after the start."""
+    return {"period_sec": period, "offset_sec": period + CYCLE_OFFSET}
 
 
 def declare_cache(

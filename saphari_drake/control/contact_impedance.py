@@ -11,9 +11,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.control.torque_limits import limit_torque
-from saphari_drake.leaf import declare_cache, declare_readouts
+from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
-from saphari_drake.parameters import diagonal, positive_definite, require_positive
+from saphari_drake.parameters import diagonal, positive_definite, require_non_negative, require_positive
 from saphari_drake.port_values import ContactPoint, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
@@ -33,6 +33,9 @@ class ContactImpedanceParameters:
     M_d: list[float] = field(default_factory=list)
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 20.0
+    # m; residual in the null space of the contact is compensated up to this lever arm times the estimated force, which
+    # is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    null_compensation: float = 0.03
     # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
     hold_stiffness: list[float] | float = 225.0
     # 1/s, damping over inertia of the held posture. A.
@@ -54,7 +57,19 @@ class ContactImpedanceParameters:
             diagonal(value, np.size(value), name)
         if len(self.M_d):
             positive_definite(self.M_d, 3, "M_d")
+        require_non_negative(self, "null_compensation")
         require_positive(self, "transition_time", "max_effective_mass", "period")
+
+
+class ImpedanceGains(NamedTuple):
+    """Gains of the law as arrays."""
+
+    K_p: Array  # (3, 3) N/m
+    K_d: Array  # (3, 3) Ns/m
+    M_d_inv: Array | None  # (3, 3) 1/kg, None for the natural inertia
+    K_N: Array  # (n,) 1/s
+    null_compensation: float  # m
+    max_effective_mass: float  # kg
 
 
 class TorqueTerms(NamedTuple):
@@ -77,17 +92,18 @@ def contact_impedance_torque(
     point: PointKinematics,
     p_desired: Array,
     F: Array,
-    K_p: Array,
-    K_d: Array,
-    M_d: Array | None,
-    K_N: Array,
-    max_effective_mass: float,
+    r: Array,
+    gains: ImpedanceGains,
 ) -> TorqueTerms:
-    """Return the torque of the contact impedance, eq. (61).
+    """Return the torque of the contact impedance, eq. (61), with null-space compensation.
 
     Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N.
     With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
+
+    Added: −P_cᵀ r, bounded by ``null_compensation`` ‖F̂‖. It is zero for a force at the assumed point. A point that is
+    wrong by some millimetres leaves a steady torque in the null space, which (61) opposes by damping alone, so that a
+    light wrist turns away under the hand.
 
     Parameters
     ----------
@@ -97,25 +113,22 @@ def contact_impedance_torque(
         x_d in the world (m), constant.
     F : (3,) array
         Force of the person on the robot (N, world).
-    K_p, K_d : (3, 3) arrays
-        N/m and Ns/m.
-    M_d : (3, 3) array or None
-        Desired inertia (kg), None for the natural one.
-    K_N : (n,) array
-        Null-space damping (1/s).
-    max_effective_mass : float
-        Bound of Λ's eigenvalues (kg); keeps the torque bounded where J_c loses rank.
+    r : (n,) array
+        Residual (Nm).
+    gains :
+        Gains; see `ImpedanceGains`.
     """
     J = point.Jv_WC
-    Lambda, _, P_c = consistent_inverse(J, terms.M, max_effective_mass)
-    spring = K_p @ (p_desired - point.p_WC) - K_d @ point.v_WC
-    if M_d is None:
+    Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
+    spring = gains.K_p @ (p_desired - point.p_WC) - gains.K_d @ point.v_WC
+    if gains.M_d_inv is None:
         task, force = J.T @ (spring - Lambda @ point.Jdotv_WC), np.zeros(len(terms.q))
     else:
-        shaping = Lambda @ np.linalg.inv(M_d)
+        shaping = Lambda @ gains.M_d_inv
         task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
         force = J.T @ (shaping @ F - F)
-    null_space = -terms.M @ (P_c @ (K_N * terms.v))
+    bound = gains.null_compensation * float(np.linalg.norm(F))
+    null_space = -terms.M @ (P_c @ (gains.K_N * terms.v)) + np.clip(-P_c.T @ r, -bound, bound)
     return TorqueTerms(task, force, null_space, terms.Cv, terms.g, np.zeros(len(terms.q)))
 
 
@@ -163,6 +176,7 @@ class ContactImpedanceController(LeafSystem):
         - dynamics
         - interaction
         - contact_force
+        - residual
         output_ports:
         - torque_commanded
         - torque_excess
@@ -174,7 +188,8 @@ class ContactImpedanceController(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     interaction : abstract `Interaction`, from `ContactMonitor`.
-    contact_force : 3 (N, world), from `ContactForceEstimator`; has no effect with the natural inertia.
+    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds the compensation.
+    residual : n (Nm), from `MomentumObserver`.
     torque_commanded : n (Nm), within the robot's limits.
     torque_excess : n (Nm), what the limits cut off.
     torque_terms : 6n (Nm), the parts of `TorqueTerms` one after the other.
@@ -195,9 +210,10 @@ class ContactImpedanceController(LeafSystem):
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
         self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
+        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
         zero = np.zeros(robot.n)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(None, zero, zero)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.period, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         start = _Output(posture_torque(terms, robot.home, zero, zero), zero, zero, zero[:3], zero[:3], ("hold", 0, -1))
         self._output = declare_cache(
             self,
@@ -208,6 +224,7 @@ class ContactImpedanceController(LeafSystem):
                 self._dynamics.ticket(),
                 self._interaction.ticket(),
                 self._force.ticket(),
+                self._residual.ticket(),
                 self.abstract_state_ticket(self._memory),
             },
         )
@@ -224,9 +241,14 @@ class ContactImpedanceController(LeafSystem):
         )
 
     def _read_gains(self, n: int, params: ContactImpedanceParameters) -> None:
-        self._K_p, self._K_d = np.diag(diagonal(params.K_p, 3, "K_p")), np.diag(diagonal(params.K_d, 3, "K_d"))
-        self._M_d = positive_definite(params.M_d, 3, "M_d") if len(params.M_d) else None
-        self._K_N = diagonal(params.K_N, n, "K_N")
+        self._gains = ImpedanceGains(
+            np.diag(diagonal(params.K_p, 3, "K_p")),
+            np.diag(diagonal(params.K_d, 3, "K_d")),
+            np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else None,
+            diagonal(params.K_N, n, "K_N"),
+            params.null_compensation,
+            params.max_effective_mass,
+        )
         self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
         self._hold_damping = diagonal(params.hold_damping, n, "hold_damping")
         self._yield_damping = diagonal(params.yield_damping, n, "yield_damping")
@@ -243,10 +265,8 @@ class ContactImpedanceController(LeafSystem):
             point = terms.point(link, p_LC)
             p_desired = point_position(self._robot, interaction.q_latched, link, p_LC)
             error, p_WC = p_desired - point.p_WC, point.p_WC
-            F, bound = self._force.Eval(context), self._params.max_effective_mass
-            parts = contact_impedance_torque(
-                terms, point, p_desired, F, self._K_p, self._K_d, self._M_d, self._K_N, bound
-            )
+            F, r = self._force.Eval(context), self._residual.Eval(context)
+            parts = contact_impedance_torque(terms, point, p_desired, F, r, self._gains)
         elif law[0] == "hold":
             parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
         else:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -89,7 +90,7 @@ class MomentumObserver(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_commanded", BasicVector(robot.n))
         self._integral = self.DeclareDiscreteState(robot.n)
         self._started = self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(params.period, params.period, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(params.period), update=self._update)
         self.DeclareVectorOutputPort(
             "residual",
             BasicVector(robot.n),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ class ContactDetector(LeafSystem):
         self._residual = self.DeclareVectorInputPort("residual", BasicVector(num_joints))
         # Time left until release (s); 0 when not touched.
         self._remaining = self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(params.period, params.period, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(params.period), update=self._update)
         inputs = {self._residual.ticket()}
         self.DeclareVectorOutputPort(
             "contact",

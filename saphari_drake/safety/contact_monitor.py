@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_positive
 from saphari_drake.port_values import CameraStatus, ContactPoint, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
@@ -101,7 +102,7 @@ class ContactMonitor(LeafSystem):
         start = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(start)))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.period, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         state = {self.abstract_state_ticket(self._memory)}
         self.DeclareAbstractOutputPort(
             "interaction",
