@@ -8,7 +8,6 @@ from typing import Any
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
 
-
 # s; cycles fire this long after their nominal times. Times that are equal on paper differ by rounding, so that without
 # it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
 CYCLE_OFFSET = 1.0e-6

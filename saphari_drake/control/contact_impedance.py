@@ -188,7 +188,7 @@ class ContactImpedanceController(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     interaction : abstract `Interaction`, from `ContactMonitor`.
-    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds the compensation.
+    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds compensation.
     residual : n (Nm), from `MomentumObserver`.
     torque_commanded : n (Nm), within the robot's limits.
     torque_excess : n (Nm), what the limits cut off.

@@ -17,7 +17,7 @@ BOX = 2
 
 
 @njit(cache=True)
-def _surface_point_local(kind, size, p, surface, normal):
+def surface_point_local(kind, size, p, surface, normal):
     """Fill `surface` and `normal` with the projection of p and its outward normal, all in S; return the distance."""
     if kind == CAPSULE:
         radius, half = size[0], size[1]
@@ -104,7 +104,7 @@ def surface_point(kind: int, size, R_WS, p_WS, p_WP):
     local, surface, normal = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         local[i] = R_WS[0, i] * offset[0] + R_WS[1, i] * offset[1] + R_WS[2, i] * offset[2]
-    distance = _surface_point_local(kind, size, local, surface, normal)
+    distance = surface_point_local(kind, size, local, surface, normal)
     p_WN, n_W = np.empty(3), np.empty(3)
     for i in range(3):
         n_W[i] = R_WS[i, 0] * normal[0] + R_WS[i, 1] * normal[1] + R_WS[i, 2] * normal[2]

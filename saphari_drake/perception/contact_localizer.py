@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import cycle
 from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.perception.localization import (
     Array,
@@ -113,7 +114,7 @@ class ContactLocalizer(LeafSystem):
         self._time = self.DeclareVectorInputPort("image_time", BasicVector(1))
         empty = _Memory(np.zeros(0), np.zeros((0, robot.n)), 0.0)
         self._state = self.DeclareAbstractState(AbstractValue.Make(empty))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         ticket = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
             "contact_point",

@@ -12,6 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import CYCLE_OFFSET
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 from saphari_drake.perception.rgbd_camera import CameraParameters
 
@@ -249,7 +250,7 @@ class DepthCameraSampler(LeafSystem):
 
     Ports
     -----
-    depth_image (input) : abstract `ImageDepth32F` (m), from a camera; evaluated, so rendered, when a frame is taken only.
+    depth_image (input) : abstract `ImageDepth32F` (m), from a camera; evaluated, and so rendered, for each frame only.
     depth_image (output) : abstract `ImageDepth32F` (m), the frame delivered last; no reading is 0 or +inf.
     image_time : 1 (s), the time at which that frame was taken; −1 before the first one.
 
@@ -274,7 +275,8 @@ class DepthCameraSampler(LeafSystem):
         self._input = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Frames(0, (), _Frame(empty, -1.0))))
         period = 1.0 / camera.rate
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, CYCLE_OFFSET, self._take)
+        # Just before the cycles of those who read the frame at the nominal time of its delivery.
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, params.latency, self._deliver)
         ticket = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
@@ -286,7 +288,7 @@ class DepthCameraSampler(LeafSystem):
         params, time = self._params, context.get_time()
         frames: _Frames = state.get_abstract_state(int(self._state)).get_value()
         since = (time - params.fault_time) * self._camera.rate
-        faulty = params.fault != "none" and -1e-6 <= since < params.fault_frames - 1e-6
+        faulty = params.fault != "none" and -1e-3 <= since < params.fault_frames - 1e-3
         pending = frames.pending
         if not (faulty and params.fault == "silent"):
             if faulty:
@@ -299,12 +301,14 @@ class DepthCameraSampler(LeafSystem):
         state.get_mutable_abstract_state(int(self._state)).set_value(
             _Frames(frames.count + 1, pending, frames.delivered)
         )
+        self._deliver(context, state)  # a frame without latency
         return EventStatus.Succeeded()
 
     def _deliver(self, context: Context, state: State) -> EventStatus:
         # Read from `state`, which holds a frame taken at this same instant.
         frames: _Frames = state.get_abstract_state(int(self._state)).get_value()
-        due = [frame for frame in frames.pending if frame.stamp + self._params.latency <= context.get_time() + 1e-9]
+        latest = context.get_time() + 2.0 * CYCLE_OFFSET - self._params.latency
+        due = [frame for frame in frames.pending if frame.stamp <= latest]
         if not due:
             return EventStatus.DidNothing()
         pending = frames.pending[len(due) :]

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
-from saphari_drake.parameters import require_positive
+from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception import localizer_kernels as kernels
 from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
 from saphari_drake.robots.shapes import LinkShapes
@@ -43,6 +42,8 @@ class LocalizerParameters:
     rank: int = 6
     softness: float = 0.005
     spread: float = 0.05
+    # Half the thickness of what touches (m, ≥ 0), a finger: the camera sees its near side, its middle lies behind.
+    half_thickness: float = 0.008
     # Distance of the person below which a contact is possible (m, > 0).
     gate: float = 0.028
     # Spacing of the person's points that are published (pixels, ≥ 1).
@@ -66,6 +67,7 @@ class LocalizerParameters:
             "support", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout", "time_constant",
             "jump", "switch_frames", "memory",
         )  # fmt: skip
+        require_non_negative(self, "half_thickness")
         if self.grow_distance >= self.seed_distance:
             raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
         if self.least_scale > 1.0:
@@ -167,7 +169,9 @@ class ContactVision:
             raise ParameterError("background", f"needs the image's shape {size}, got {background.shape}")
         if shapes.count > 127:
             raise ParameterError("robot", f"at most 127 collision shapes are supported, got {shapes.count}")
-        self.shapes, self.params, self.X_WC = shapes, params, camera_pose(camera)
+        self.shapes, self.params = shapes, params
+        X_WC = camera_pose(camera)
+        self._R_WC, self._p_WC = X_WC.rotation().matrix(), X_WC.translation()
         self.x, self.y = ray_tables(camera)
         self.pinhole = camera.focal_x, camera.focal_y, camera.center_x, camera.center_y
         self._bounds = bounding_capsules(shapes.kind, shapes.size)
@@ -188,9 +192,8 @@ class ContactVision:
         """
         p, shapes = self.params, self.shapes
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
-        X_CW: RigidTransform = self.X_WC.inverse()
-        R_CW = X_CW.rotation().matrix()
-        R_CS, p_CS = R_CW @ R_WS, p_WS @ R_CW.T + X_CW.translation()
+        R_WC, p_WC = self._R_WC, self._p_WC
+        R_CS, p_CS = R_WC.T @ R_WS, (p_WS - p_WC) @ R_WC
         rows, cols = depth.shape
         radius, half, axis = self._bounds
         left, right = kernels.row_intervals(radius, half, axis, R_CS, p_CS, p.reach, *self.pinhole, rows, cols)
@@ -206,12 +209,13 @@ class ContactVision:
         )  # fmt: skip
         seen = kernels.share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
         points = kernels.human_points(depth, self.limit, self.x, self.y, human, region, p.points_stride)
-        R_WC, p_WC = R_CW.T, self.X_WC.translation()
-        points = points @ R_CW + p_WC
+        points = points @ R_WC.T + p_WC
         if link < 0 or distance > p.reach:
             return Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)
         p_L = R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link])
         p_LC, n_L = self.on_surface(link, p_L)
+        ray_L = R_WL[link].T @ (R_WC @ (p_C / np.linalg.norm(p_C)))
+        p_LC, n_L = self.on_surface(link, p_LC + p.half_thickness * (ray_L - (ray_L @ n_L) * n_L))
         return Localization(link, distance, p_LC, n_L, seen, points)
 
     def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:

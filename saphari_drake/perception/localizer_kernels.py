@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from saphari_drake.math.geometry import BOX, CAPSULE, nearest_surface_point
+from saphari_drake.math.geometry import BOX, CAPSULE, surface_point_local
 
 BORDER = 4  # pixels; also the reach of growth and more than half a support window
 SUPPORT = 2  # pixels; the support window is 5 × 5
@@ -37,11 +37,13 @@ def row_intervals(radius, half, axis, R_CS, p_CS, reach, fx, fy, cx, cy, rows, c
             if z <= -np.sqrt(R2):
                 continue
             A, K = y * y + z * z - R2, x * x + y * y + z * z - R2
-            everywhere = A <= 0.0 or z * z <= R2  # the camera is in the sphere, or nearly beside it
-            for r in range(rows):
-                if everywhere:
-                    left[s, r], right[s, r] = 0, cols
-                    continue
+            if A <= 0.0 or z * z <= R2:  # the camera is in the sphere, or nearly beside it
+                left[s, :], right[s, :] = 0, cols
+                continue
+            rise = np.sqrt(R2 * A)
+            top = int((y * z - rise) / (z * z - R2) * fy + cy - 1.5)
+            bottom = int((y * z + rise) / (z * z - R2) * fy + cy + 1.5)
+            for r in range(max(top, 0), min(bottom, rows)):
                 v = (r + 0.5 - cy) / fy
                 m = v * y + z
                 D = K * (m * m - A * (v * v + 1.0))
@@ -76,7 +78,7 @@ def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
     R00, R10, R20 = np.float32(R[0, 0]), np.float32(R[1, 0]), np.float32(R[2, 0])
     R01, R11, R21 = np.float32(R[0, 1]), np.float32(R[1, 1]), np.float32(R[2, 1])
     R02, R12, R22 = np.float32(R[0, 2]), np.float32(R[1, 2]), np.float32(R[2, 2])
-    zero, me = np.float32(0.0), np.int8(s)
+    zero, me = np.float32(0.0), np.int32(s)
     n = z.shape[0]
     if kind == CAPSULE:
         for i in range(n):
@@ -120,7 +122,7 @@ def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed,
     -------
     best (rows, cols) float32
         Distance to the nearest of those shapes (m); +inf where no shape is near. Junk where not foreground.
-    owner (rows, cols) int8
+    owner (rows, cols) int32
         That shape (−1: none).
     weak, strong : (rows + 2 BORDER, cols + 2 BORDER) uint8
         Foreground beyond the distances `grow` and `seed` (m), both times max((z / z_ref)², least).
@@ -128,7 +130,7 @@ def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed,
     r0, r1, c0, c1 = region
     rows, cols = r1 - r0, c1 - c0
     best = np.full((rows, cols), np.float32(np.inf), np.float32)
-    owner = np.full((rows, cols), np.int8(-1), np.int8)
+    owner = np.full((rows, cols), np.int32(-1), np.int32)
     weak = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
     strong = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
     line = np.empty(cols, np.float32)
@@ -137,22 +139,25 @@ def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed,
     for i in range(rows):
         r = r0 + i
         z_row, limit_row = z[r, c0:c1], limit[r, c0:c1]
-        found = 0
         for j in range(cols):
             ok = (z_row[j] > zero) & (z_row[j] < limit_row[j])
             line[j] = z_row[j] if ok else zero
-            found += ok
-        if found == 0:
+        first, last = 0, cols
+        while first < last and line[first] == zero:
+            first += 1
+        while first < last and line[last - 1] == zero:
+            last -= 1
+        if first == last:
             continue
         for s in range(kind.shape[0]):
-            a, b = left[s, r], right[s, r]
+            a, b = max(left[s, r], c0 + first), min(right[s, r], c0 + last)
             if a < b:
                 _shape_row(kind[s], size[s], R_CS[s], p_CS[s], s, line[a - c0 : b - c0], x[a:b], y[r],
                            best[i, a - c0 : b - c0], owner[i, a - c0 : b - c0])  # fmt: skip
         weak_row = weak[i + BORDER, BORDER : BORDER + cols]
         strong_row = strong[i + BORDER, BORDER : BORDER + cols]
         best_row = best[i]
-        for j in range(cols):
+        for j in range(first, last):
             scale = line[j] * per_z
             scale = scale * scale
             scale = scale if scale > least else least
@@ -231,11 +236,31 @@ def _drop_small(mask, least):
 def human_mask(weak, strong, support, component):
     """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component."""
     near = _window_sum(strong, BORDER)
-    human = np.where((weak > 0) & (near > 0), np.uint8(1), np.uint8(0))
+    rows, cols = weak.shape
+    human = np.empty((rows, cols), np.uint8)
+    for r in range(rows):
+        out, a, b = human[r], weak[r], near[r]
+        for c in range(cols):
+            out[c] = a[c] & (b[c] > 0)
     count = _window_sum(human, SUPPORT)
-    human = np.where((human > 0) & (count >= support), np.uint8(1), np.uint8(0))
+    for r in range(rows):
+        out, a = human[r], count[r]
+        for c in range(cols):
+            out[c] &= a[c] >= support
     _drop_small(human, component)
     return human
+
+
+@njit(cache=True)
+def _project(kind, size, R, p, x, y, z, local, normal, out):
+    """Fill `out` with the projection of (x z, y z, z) on a shape; `local` and `normal` are scratch."""
+    a, b, c = x * z - p[0], y * z - p[1], z - p[2]
+    for k in range(3):
+        local[k] = R[0, k] * a + R[1, k] * b + R[2, k] * c
+    surface_point_local(kind, size, local, out, normal)
+    a, b, c = out[0], out[1], out[2]
+    for k in range(3):
+        out[k] = p[k] + R[k, 0] * a + R[k, 1] * b + R[k, 2] * c
 
 
 @njit(cache=True)
@@ -250,37 +275,39 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
     nearest = np.full(rank, np.inf)
     where = np.zeros((rank, 2), np.int64)
     for i in range(rows):
+        marked, line = human[i + BORDER, BORDER : BORDER + cols], best[i]
         for j in range(cols):
-            if human[i + BORDER, j + BORDER] and best[i, j] < nearest[rank - 1] and link[owner[i, j]] >= 0:
+            if marked[j] and line[j] < nearest[rank - 1] and link[owner[i, j]] >= 0:
                 k = rank - 1
-                while k > 0 and nearest[k - 1] > best[i, j]:
+                while k > 0 and nearest[k - 1] > line[j]:
                     nearest[k] = nearest[k - 1]
-                    where[k] = where[k - 1]
+                    where[k, 0], where[k, 1] = where[k - 1, 0], where[k - 1, 1]
                     k -= 1
-                nearest[k] = best[i, j]
+                nearest[k] = line[j]
                 where[k, 0], where[k, 1] = i, j
-    if nearest[rank - 1] == np.inf:
+    anchor_d = nearest[rank - 1]
+    if anchor_d == np.inf:
         return -1, np.inf, np.zeros(3)
+    local, normal = np.empty(3), np.empty(3)
+    anchor, projection, mean = np.empty(3), np.empty(3), np.zeros(3)
     i, j = where[rank - 1]
-    on = link[owner[i, j]]
-    chosen = link == on
-    point = np.empty(3)
-    point[2] = z[r0 + i, c0 + j]
-    point[0], point[1] = x[c0 + j] * point[2], y[r0 + i] * point[2]
-    _, anchor_d, anchor, _ = nearest_surface_point(kind, size, R_CS, p_CS, chosen, point)
-    far = anchor_d + 6.0 * softness
-    total, mean = 0.0, np.zeros(3)
+    s = owner[i, j]
+    on = link[s]
+    _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j], local, normal, anchor)
+    far, total = anchor_d + 6.0 * softness, 0.0
     for i in range(rows):
+        marked, line = human[i + BORDER, BORDER : BORDER + cols], best[i]
         for j in range(cols):
-            if human[i + BORDER, j + BORDER] and best[i, j] < far and link[owner[i, j]] == on:
-                point[2] = z[r0 + i, c0 + j]
-                point[0], point[1] = x[c0 + j] * point[2], y[r0 + i] * point[2]
-                _, d, projection, _ = nearest_surface_point(kind, size, R_CS, p_CS, chosen, point)
-                gap = projection - anchor
-                if gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] < spread * spread:
-                    weight = np.exp(-max(d - anchor_d, 0.0) / softness)
+            if marked[j] and line[j] < far and link[owner[i, j]] == on:
+                s = owner[i, j]
+                _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j],
+                         local, normal, projection)  # fmt: skip
+                a, b, c = projection[0] - anchor[0], projection[1] - anchor[1], projection[2] - anchor[2]
+                if a * a + b * b + c * c < spread * spread:
+                    weight = np.exp(-max(line[j] - anchor_d, 0.0) / softness)
                     total += weight
-                    mean += weight * projection
+                    for k in range(3):
+                        mean[k] += weight * projection[k]
     return on, anchor_d, mean / total
 
 

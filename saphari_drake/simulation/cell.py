@@ -6,9 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, Role, SceneGraph
-from pydrake.multibody.plant import ContactModel, DiscreteContactApproximation, MultibodyPlant
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactModel,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import MatrixGain
