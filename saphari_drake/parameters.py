@@ -80,8 +80,10 @@ def validate(params: Any, path: str = "") -> None:
     """
     for item in dataclasses.fields(params):
         value = getattr(params, item.name)
-        if dataclasses.is_dataclass(value):
-            validate(value, f"{path}{item.name}.")
+        entries = enumerate(value) if isinstance(value, (list, tuple)) else [("", value)]
+        for key, entry in entries:
+            if dataclasses.is_dataclass(entry):
+                validate(entry, f"{path}{item.name}{f'[{key}]' if key != '' else ''}.")
     check = getattr(params, "__post_init__", None)
     if check is None:
         return

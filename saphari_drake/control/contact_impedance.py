@@ -33,9 +33,9 @@ class ContactImpedanceParameters:
     M_d: list[float] = field(default_factory=list)
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 20.0
-    # m; residual in the null space of the contact is compensated up to this lever arm times the estimated force, which
-    # is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
-    null_compensation: float = 0.03
+    # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
+    # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    misfit_lever: float = 0.03
     # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
     hold_stiffness: list[float] | float = 225.0
     # 1/s, damping over inertia of the held posture. A.
@@ -57,7 +57,7 @@ class ContactImpedanceParameters:
             diagonal(value, np.size(value), name)
         if len(self.M_d):
             positive_definite(self.M_d, 3, "M_d")
-        require_non_negative(self, "null_compensation")
+        require_non_negative(self, "misfit_lever")
         require_positive(self, "transition_time", "max_effective_mass", "period")
 
 
@@ -68,7 +68,7 @@ class ImpedanceGains(NamedTuple):
     K_d: Array  # (3, 3) Ns/m
     M_d_inv: Array | None  # (3, 3) 1/kg, None for the natural inertia
     K_N: Array  # (n,) 1/s
-    null_compensation: float  # m
+    misfit_lever: float  # m
     max_effective_mass: float  # kg
 
 
@@ -77,6 +77,7 @@ class TorqueTerms(NamedTuple):
 
     task: Array
     force: Array
+    misfit: Array
     null_space: Array
     coriolis: Array
     gravity: Array
@@ -92,18 +93,18 @@ def contact_impedance_torque(
     point: PointKinematics,
     p_desired: Array,
     F: Array,
-    r: Array,
+    misfit: Array,
     gains: ImpedanceGains,
 ) -> TorqueTerms:
-    """Return the torque of the contact impedance, eq. (61), with null-space compensation.
+    """Return the torque of the contact impedance, eq. (61), with the misfit compensated.
 
     Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N.
     With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
 
-    Added: −P_cᵀ r, bounded by ``null_compensation`` ‖F̂‖. It is zero for a force at the assumed point. A point that is
-    wrong by some millimetres leaves a steady torque in the null space, which (61) opposes by damping alone, so that a
-    light wrist turns away under the hand.
+    Added: −(r − J_cᵀF̂), each joint bounded by ``misfit_lever`` ‖F̂‖. It is zero for a force at the assumed point. A point
+    that is wrong by some millimetres leaves a steady torque, which (61) opposes in the null space by damping alone, so
+    that a light wrist turns away under the hand, and which a large M_d turns into a wrong deflection.
 
     Parameters
     ----------
@@ -113,8 +114,8 @@ def contact_impedance_torque(
         x_d in the world (m), constant.
     F : (3,) array
         Force of the person on the robot (N, world).
-    r : (n,) array
-        Residual (Nm).
+    misfit : (n,) array
+        r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
     gains :
         Gains; see `ImpedanceGains`.
     """
@@ -127,16 +128,18 @@ def contact_impedance_torque(
         shaping = Lambda @ gains.M_d_inv
         task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
         force = J.T @ (shaping @ F - F)
-    bound = gains.null_compensation * float(np.linalg.norm(F))
-    null_space = -terms.M @ (P_c @ (gains.K_N * terms.v)) + np.clip(-P_c.T @ r, -bound, bound)
-    return TorqueTerms(task, force, null_space, terms.Cv, terms.g, np.zeros(len(terms.q)))
+    bound = gains.misfit_lever * float(np.linalg.norm(F))
+    null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
+    return TorqueTerms(
+        task, force, np.clip(-misfit, -bound, bound), null_space, terms.Cv, terms.g, np.zeros(len(terms.q))
+    )
 
 
 def posture_torque(terms: DynamicsTerms, q_desired: Array, stiffness: Array, damping: Array) -> TorqueTerms:
     """Return the computed torque M(K(q_d − q) − D q̇) + C q̇ + g, with K in 1/s² and D in 1/s, (n,)."""
     zero = np.zeros(len(terms.q))
     task = terms.M @ (stiffness * (q_desired - terms.q) - damping * terms.v)
-    return TorqueTerms(task, zero, zero, terms.Cv, terms.g, zero)
+    return TorqueTerms(task, zero, zero, zero, terms.Cv, terms.g, zero)
 
 
 class _Output(NamedTuple):
@@ -176,7 +179,7 @@ class ContactImpedanceController(LeafSystem):
         - dynamics
         - interaction
         - contact_force
-        - residual
+        - misfit
         output_ports:
         - torque_commanded
         - torque_excess
@@ -188,11 +191,11 @@ class ContactImpedanceController(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     interaction : abstract `Interaction`, from `ContactMonitor`.
-    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds compensation.
-    residual : n (Nm), from `MomentumObserver`.
+    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds that of the misfit.
+    misfit : n (Nm), from `ContactForceEstimator`.
     torque_commanded : n (Nm), within the robot's limits.
     torque_excess : n (Nm), what the limits cut off.
-    torque_terms : 6n (Nm), the parts of `TorqueTerms` one after the other.
+    torque_terms : 7n (Nm), the parts of `TorqueTerms` one after the other.
     position_error : 3 (m, world), x_d − x_c during contact and return, else zero.
     contact_position : 3 (m, world), the controlled contact point; zero without one.
 
@@ -210,7 +213,7 @@ class ContactImpedanceController(LeafSystem):
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
         self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
+        self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(robot.n))
         zero = np.zeros(robot.n)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(None, zero, zero)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
@@ -224,7 +227,7 @@ class ContactImpedanceController(LeafSystem):
                 self._dynamics.ticket(),
                 self._interaction.ticket(),
                 self._force.ticket(),
-                self._residual.ticket(),
+                self._misfit.ticket(),
                 self.abstract_state_ticket(self._memory),
             },
         )
@@ -246,7 +249,7 @@ class ContactImpedanceController(LeafSystem):
             np.diag(diagonal(params.K_d, 3, "K_d")),
             np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else None,
             diagonal(params.K_N, n, "K_N"),
-            params.null_compensation,
+            params.misfit_lever,
             params.max_effective_mass,
         )
         self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
@@ -265,8 +268,8 @@ class ContactImpedanceController(LeafSystem):
             point = terms.point(link, p_LC)
             p_desired = point_position(self._robot, interaction.q_latched, link, p_LC)
             error, p_WC = p_desired - point.p_WC, point.p_WC
-            F, r = self._force.Eval(context), self._residual.Eval(context)
-            parts = contact_impedance_torque(terms, point, p_desired, F, r, self._gains)
+            F, misfit = self._force.Eval(context), self._misfit.Eval(context)
+            parts = contact_impedance_torque(terms, point, p_desired, F, misfit, self._gains)
         elif law[0] == "hold":
             parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
         else:

@@ -13,6 +13,7 @@ from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception import localizer_kernels as kernels
+from saphari_drake.perception.image_regions import region_of, row_intervals, share_seen
 from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
 from saphari_drake.robots.shapes import LinkShapes
 
@@ -196,8 +197,8 @@ class ContactVision:
         R_CS, p_CS = R_WC.T @ R_WS, (p_WS - p_WC) @ R_WC
         rows, cols = depth.shape
         radius, half, axis = self._bounds
-        left, right = kernels.row_intervals(radius, half, axis, R_CS, p_CS, p.reach, *self.pinhole, rows, cols)
-        region = kernels.region_of(left, right)
+        left, right = row_intervals(radius, half, axis, R_CS, p_CS, p.reach, *self.pinhole, rows, cols)
+        region = region_of(left, right)
         best, owner, weak, strong = kernels.distances(
             depth, self.limit, self.x, self.y, shapes.kind, shapes.size, R_CS, p_CS, left, right, region,
             p.seed_distance, p.grow_distance, p.scale_depth, p.least_scale,
@@ -207,7 +208,7 @@ class ContactVision:
             depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
             p.rank, p.softness, p.spread,
         )  # fmt: skip
-        seen = kernels.share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
+        seen = share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
         points = kernels.human_points(depth, self.limit, self.x, self.y, human, region, p.points_stride)
         points = points @ R_WC.T + p_WC
         if link < 0 or distance > p.reach:

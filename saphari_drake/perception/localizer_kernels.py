@@ -16,60 +16,6 @@ BORDER = 4  # pixels; also the reach of growth and more than half a support wind
 SUPPORT = 2  # pixels; the support window is 5 × 5
 
 
-@njit(cache=True)
-def row_intervals(radius, half, axis, R_CS, p_CS, reach, fx, fy, cx, cy, rows, cols):
-    """Return, for each shape and row, the columns whose rays pass within `reach` (m) of it: left, right (s, rows).
-
-    Each shape's bounding capsule is covered by spheres, and a sphere's silhouette in a row is exact.
-    """
-    count = radius.shape[0]
-    left = np.full((count, rows), cols, np.int64)
-    right = np.zeros((count, rows), np.int64)
-    for s in range(count):
-        R = radius[s] + reach
-        spheres = 1 + int(np.ceil(4.0 * half[s] / R))
-        gap = 2.0 * half[s] / max(spheres - 1, 1)
-        R2 = R * R + 0.25 * gap * gap
-        u = R_CS[s, :, axis[s]]
-        for k in range(spheres):
-            t = -half[s] + k * gap
-            x, y, z = p_CS[s, 0] + t * u[0], p_CS[s, 1] + t * u[1], p_CS[s, 2] + t * u[2]
-            if z <= -np.sqrt(R2):
-                continue
-            A, K = y * y + z * z - R2, x * x + y * y + z * z - R2
-            if A <= 0.0 or z * z <= R2:  # the camera is in the sphere, or nearly beside it
-                left[s, :], right[s, :] = 0, cols
-                continue
-            rise = np.sqrt(R2 * A)
-            top = int((y * z - rise) / (z * z - R2) * fy + cy - 1.5)
-            bottom = int((y * z + rise) / (z * z - R2) * fy + cy + 1.5)
-            for r in range(max(top, 0), min(bottom, rows)):
-                v = (r + 0.5 - cy) / fy
-                m = v * y + z
-                D = K * (m * m - A * (v * v + 1.0))
-                if D <= 0.0 or m <= 0.0:
-                    continue
-                root = np.sqrt(D)
-                first = int(np.floor((x * m - root) / A * fx + cx - 0.5))
-                last = int(np.ceil((x * m + root) / A * fx + cx - 0.5)) + 1
-                left[s, r] = min(left[s, r], max(first, 0))
-                right[s, r] = max(right[s, r], min(last, cols))
-    return left, right
-
-
-@njit(cache=True)
-def region_of(left, right):
-    """Return first row, last row, first column and last column (last ones not included) of all intervals."""
-    rows = left.shape[1]
-    r0, r1, c0, c1 = rows, 0, np.int64(1 << 30), np.int64(0)
-    for s in range(left.shape[0]):
-        for r in range(rows):
-            if left[s, r] < right[s, r]:
-                r0, r1 = min(r0, r), max(r1, r + 1)
-                c0, c1 = min(c0, left[s, r]), max(c1, right[s, r])
-    return (r0, r1, c0, c1) if r0 < r1 else (0, 0, 0, 0)
-
-
 @njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
 def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
     """Lower `best` (m) to the distance of the points (x z, y z, z) to shape s, which then owns them."""
@@ -309,23 +255,6 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
                     for k in range(3):
                         mean[k] += weight * projection[k]
     return on, anchor_d, mean / total
-
-
-@njit(cache=True)
-def share_seen(z, half, axis, R_CS, p_CS, fx, fy, cx, cy):
-    """Return the share of the points on the shapes' axes, inside the image, at whose pixel anything is seen."""
-    rows, cols = z.shape
-    inside = seen = 0
-    for s in range(half.shape[0]):
-        for k in range(-3, 4):
-            p = p_CS[s] + (k / 3.0) * half[s] * R_CS[s, :, axis[s]]
-            if p[2] <= 0.0:
-                continue
-            c, r = int(np.floor(p[0] / p[2] * fx + cx)), int(np.floor(p[1] / p[2] * fy + cy))
-            if 0 <= r < rows and 0 <= c < cols:
-                inside += 1
-                seen += 0.0 < z[r, c] < np.inf
-    return seen / inside if inside > 0 else 0.0
 
 
 @njit(cache=True)
