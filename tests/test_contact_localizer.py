@@ -18,8 +18,12 @@ from saphari_drake.perception.contact_localizer import (
     LocalizerParameters,
     background_depth,
 )
-from saphari_drake.perception.depth_noise import DepthNoiseParameters, add_kinect_noise
-from saphari_drake.perception.depth_sampler import DepthCameraSampler, SamplerParameters
+from saphari_drake.perception.depth_noise import (
+    DepthCameraSampler,
+    DepthNoiseParameters,
+    SamplerParameters,
+    add_kinect_noise,
+)
 from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
 from saphari_drake.port_values import CameraStatus, ContactPoint
 from saphari_drake.robots.shapes import LinkShapes

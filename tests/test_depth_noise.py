@@ -7,8 +7,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError, UnknownNameError
-from saphari_drake.perception.depth_noise import DepthNoiseParameters, add_kinect_noise
-from saphari_drake.perception.depth_sampler import DepthCameraSampler, SamplerParameters
+from saphari_drake.perception.depth_noise import (
+    DepthCameraSampler,
+    DepthNoiseParameters,
+    SamplerParameters,
+    add_kinect_noise,
+)
 from saphari_drake.perception.rgbd_camera import CameraParameters
 
 CAMERA = CameraParameters(width=160, height=120)

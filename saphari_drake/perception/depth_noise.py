@@ -1,15 +1,19 @@
-"""What a structured-light camera such as the first Kinect does to a depth image."""
+"""What a structured-light camera does to a depth image, and the frames it delivers: noise, rate, latency, faults."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.leaf import CYCLE_OFFSET
+from saphari_drake.parameters import require_choice, require_non_negative, require_positive
+from saphari_drake.perception.depth_noise_kernels import noisy_image
 from saphari_drake.perception.rgbd_camera import CameraParameters
 
 Depth = NDArray[np.float32]
@@ -62,102 +66,6 @@ class DepthNoiseParameters:
             raise ParameterError("grazing_end", "must lie above grazing_start, both between 0 and π/2")
 
 
-@njit(cache=True)
-def _edges(z, jump, width):
-    """Mark the pixels within `width` of a depth step larger than `jump` (m) along a row or a column."""
-    rows, cols = z.shape
-    step = np.zeros((rows, cols), np.uint8)
-    for r in range(rows):
-        for c in range(cols - 1):
-            if abs(z[r, c + 1] - z[r, c]) > jump:
-                for k in range(max(c - width + 1, 0), min(c + width + 1, cols)):
-                    step[r, k] = 1
-    for r in range(rows - 1):
-        for c in range(cols):
-            if abs(z[r + 1, c] - z[r, c]) > jump:
-                for k in range(max(r - width + 1, 0), min(r + width + 1, rows)):
-                    step[k, c] = 1
-    return step
-
-
-@njit(cache=True)
-def _beyond_edge(z, r, c, width, jump):
-    """Depth beyond the nearest edge of a pixel (+inf: none is known)."""
-    rows, cols = z.shape
-    for k in range(1, width + 1):
-        for side in range(4):
-            rr = r + (k if side == 0 else -k if side == 1 else 0)
-            cc = c + (k if side == 2 else -k if side == 3 else 0)
-            if 0 <= rr < rows and 0 <= cc < cols and abs(z[rr, cc] - z[r, c]) > jump:
-                return z[rr, cc]
-    return np.float32(np.inf)
-
-
-@njit(cache=True, error_model="numpy")
-def _noise_kernel(z, bits, coarse, fb, focal, step, sigma_d, share, cell, jump, width, lost, flying, s0, s1, shadow,
-                  near, far):  # fmt: skip
-    """Return the noisy image; z has +inf where nothing is seen, `bits` 64 random bits a pixel, sigma_d is in pixels."""
-    rows, cols = z.shape
-    out = np.zeros((rows, cols), np.float32)
-    edge = _edges(z, jump, width)
-    unit = np.float32(1.0 / 65536.0)
-    own, common = np.float32(2.0 * sigma_d * np.sqrt(1.0 - share)), sigma_d * np.sqrt(share)
-    fb, step, steps = np.float32(fb), np.float32(step), np.float32(1.0 / step if step > 0.0 else 0.0)
-    near, far, focal = np.float32(near), np.float32(far), np.float32(focal)
-    knot, weight = np.empty(cols, np.int64), np.empty((2, cols))
-    for c in range(cols):
-        knot[c] = int(c / cell)
-        f = c / cell - knot[c]
-        weight[0, c], weight[1, c] = (1.0 - f) / np.hypot(1.0 - f, f), f / np.hypot(1.0 - f, f)
-    smooth = np.empty(cols, np.float32)
-    for r in range(rows):
-        i = int(r / cell)
-        f = r / cell - i
-        g0, g1 = common * (1.0 - f) / np.hypot(1.0 - f, f), common * f / np.hypot(1.0 - f, f)
-        line = g0 * coarse[i] + g1 * coarse[i + 1]
-        for c in range(cols):
-            smooth[c] = weight[0, c] * line[knot[c]] + weight[1, c] * line[knot[c] + 1]
-        above, below = max(r - 1, 0), min(r + 1, rows - 1)
-        lit = np.float32(np.inf)
-        for c in range(cols - 1, -1, -1):
-            depth = z[r, c]
-            if depth == np.inf:
-                continue
-            disparity = fb / depth
-            projected = np.float32(c) - disparity
-            if projected < lit:
-                lit = projected
-            elif shadow and projected > lit + np.float32(1.0):
-                continue
-            word = bits[r, c]
-            u = np.float32(word >> np.uint64(48)) * unit
-            if edge[r, c]:
-                if u < lost:
-                    continue
-                if u < lost + flying:
-                    other = _beyond_edge(z, r, c, width, jump)
-                    if other < np.inf:
-                        disparity = fb / (depth + (other - depth) * (u - lost) / flying)
-            else:
-                dx = max(abs(z[r, max(c - 1, 0)] - depth), abs(z[r, min(c + 1, cols - 1)] - depth))
-                dy = max(abs(z[above, c] - depth), abs(z[below, c] - depth))
-                slope = focal * max(dx, dy)
-                if slope > s0 * depth:
-                    slope = focal * np.hypot(dx, dy) / depth
-                    if u * (s1 - s0) < slope - s0:
-                        continue
-            # The sum of three uniform numbers is close to normal; its deviation is 1/2.
-            mask = np.uint64(0xFFFF)
-            total = (word & mask) + ((word >> np.uint64(16)) & mask) + ((word >> np.uint64(32)) & mask)
-            disparity += own * (np.float32(total) * unit - np.float32(1.5)) + smooth[c]
-            if step > 0.0:
-                disparity = step * np.rint(disparity * steps)
-            reading = fb / disparity
-            if reading >= near and reading <= far:
-                out[r, c] = reading
-    return out
-
-
 def add_kinect_noise(
     depth: Depth, rng: np.random.Generator, params: DepthNoiseParameters, camera: CameraParameters | None = None
 ) -> Depth:
@@ -185,9 +93,137 @@ def add_kinect_noise(
     coarse = rng.standard_normal((int(rows / cell) + 2, int(cols / cell) + 2))
     fb = camera.focal_x * params.baseline
     variance = (params.sigma * fb / params.sigma_depth**2) ** 2 - params.disparity_step**2 / 12.0
-    return _noise_kernel(
+    return noisy_image(
         z, bits, coarse, fb, camera.focal_x, params.disparity_step, np.sqrt(max(variance, 0.0)),
         params.correlated_share, cell, params.edge_step, int(params.edge_width), params.edge_missing,
         params.edge_flying, np.tan(params.grazing_start), np.tan(params.grazing_end), params.shadow, camera.near,
         camera.far,
     )  # fmt: skip
+
+
+@dataclass
+class SamplerParameters:
+    """When frames are taken and delivered, and a fault for tests and studies."""
+
+    # Time from taking a frame to its delivery (s, ≥ 0). Assumed.
+    latency: float = 0.01
+    # "none", "silent" (no frame is taken) or "invalid" (frames hold no reading).
+    fault: str = "none"
+    # Start of the fault (s, ≥ 0).
+    fault_time: float = 0.0
+    # Length of the fault (frames, ≥ 0; may be infinite).
+    fault_frames: float = np.inf
+    noise: DepthNoiseParameters = field(default_factory=DepthNoiseParameters)
+
+    def __post_init__(self) -> None:
+        require_non_negative(self, "latency", "fault_time")
+        require_choice(self, "fault", ("none", "silent", "invalid"))
+        if not self.fault_frames >= 0.0:
+            raise ParameterError("fault_frames", f"must not be negative, got {self.fault_frames}")
+
+
+@dataclass(frozen=True)
+class _Frame:
+    depth: Depth
+    stamp: float  # s, when it was taken; −1: no frame
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """Number of frames taken so far, those on their way, and the one delivered last. Never changed, so never copied."""
+
+    count: int
+    pending: tuple[_Frame, ...]
+    delivered: _Frame
+
+    def __deepcopy__(self, memo: dict) -> _Frames:
+        return self
+
+
+class DepthCameraSampler(LeafSystem):
+    """Takes frames from a rendered image at the camera's rate, adds noise and delivers them after the latency.
+
+    .. pydrake_system::
+
+        name: DepthCameraSampler
+        input_ports:
+        - depth_image
+        output_ports:
+        - depth_image
+        - image_time
+
+    Ports
+    -----
+    depth_image (input) : abstract `ImageDepth32F` (m), from a camera; evaluated, and so rendered, for each frame only.
+    depth_image (output) : abstract `ImageDepth32F` (m), the frame delivered last; no reading is 0 or +inf.
+    image_time : 1 (s), the time at which that frame was taken; −1 before the first one.
+
+    The noise of a frame follows from the seed and the number of the frame, which is in the Context: a cloned Context
+    gives the same images.
+
+    Parameters
+    ----------
+    camera : CameraParameters
+        Size, range, focal length and rate.
+    params : SamplerParameters, optional
+    """
+
+    def __init__(self, camera: CameraParameters, params: SamplerParameters | None = None) -> None:
+        super().__init__()
+        self._camera = camera
+        self._params = params = params or SamplerParameters()
+        empty = np.zeros((camera.height, camera.width), dtype=np.float32)
+        # Compiles the kernel before the first frame.
+        add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)
+        image = ImageDepth32F(camera.width, camera.height)
+        self._input = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(_Frames(0, (), _Frame(empty, -1.0))))
+        period = 1.0 / camera.rate
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, CYCLE_OFFSET, self._take)
+        # Just before the cycles of those who read the frame at the nominal time of its delivery.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, params.latency, self._deliver)
+        ticket = {self.abstract_state_ticket(self._state)}
+        self.DeclareAbstractOutputPort(
+            "depth_image", alloc=lambda: AbstractValue.Make(image), calc=self._calc_image, prerequisites_of_calc=ticket
+        )
+        self.DeclareVectorOutputPort("image_time", BasicVector(1), self._calc_time, prerequisites_of_calc=ticket)
+
+    def _take(self, context: Context, state: State) -> EventStatus:
+        params, time = self._params, context.get_time()
+        frames: _Frames = state.get_abstract_state(int(self._state)).get_value()
+        since = (time - params.fault_time) * self._camera.rate
+        faulty = params.fault != "none" and -1e-3 <= since < params.fault_frames - 1e-3
+        pending = frames.pending
+        if not (faulty and params.fault == "silent"):
+            if faulty:
+                depth = np.zeros((self._camera.height, self._camera.width), dtype=np.float32)
+            else:
+                exact = self._input.Eval(context).data[..., 0]
+                rng = np.random.Generator(np.random.SFC64([params.noise.seed, frames.count]))
+                depth = np.array(add_kinect_noise(exact, rng, params.noise, self._camera))
+            pending = (*pending, _Frame(depth, time))
+        state.get_mutable_abstract_state(int(self._state)).set_value(
+            _Frames(frames.count + 1, pending, frames.delivered)
+        )
+        self._deliver(context, state)  # a frame without latency
+        return EventStatus.Succeeded()
+
+    def _deliver(self, context: Context, state: State) -> EventStatus:
+        # Read from `state`, which holds a frame taken at this same instant.
+        frames: _Frames = state.get_abstract_state(int(self._state)).get_value()
+        latest = context.get_time() + 2.0 * CYCLE_OFFSET - self._params.latency
+        due = [frame for frame in frames.pending if frame.stamp <= latest]
+        if not due:
+            return EventStatus.DidNothing()
+        pending = frames.pending[len(due) :]
+        state.get_mutable_abstract_state(int(self._state)).set_value(_Frames(frames.count, pending, due[-1]))
+        return EventStatus.Succeeded()
+
+    def _frames(self, context: Context) -> _Frames:
+        return context.get_abstract_state(int(self._state)).get_value()
+
+    def _calc_image(self, context: Context, output: AbstractValue) -> None:
+        output.get_mutable_value().mutable_data[..., 0] = self._frames(context).delivered.depth
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._frames(context).delivered.stamp)
