@@ -51,7 +51,7 @@ class RobotModel:
     path : path
         URDF or SDF with exactly one model.
     X_WB : RigidTransform, optional
-        Pose in the world of the model's root body, which is welded there unless the file does that itself.
+        Pose in the world of the model's root body, which is welded there; for files that do not weld it themselves.
     home : (n,) array, optional
         Home posture (rad or m); default: the file's default positions.
     effort_limits : (n,) array or mapping from joint name, optional
@@ -70,7 +70,7 @@ class RobotModel:
     Raises
     ------
     ModelError
-        If the file does not exist, does not parse, has other joints, lacks mass or effort limits.
+        If the file does not exist, does not parse, has other joints, lacks mass or effort limits, or cannot be moved to X_WB.
     """
 
     def __init__(
@@ -125,6 +125,8 @@ class RobotModel:
             raise ModelError(f"{self.path}: more than one body without a parent joint: {names}")
         if roots:
             plant.WeldFrames(plant.world_frame(), roots[0].body_frame(), self.X_WB)
+        elif not self.X_WB.IsExactlyIdentity():
+            raise ModelError(f"{self.path}: fixes its root to the world itself, so that X_WB has no effect; leave it out")
 
     def _add_actuators(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         """Give every joint an actuator, in the order of the joints, with a finite effort limit."""
