@@ -10,6 +10,7 @@ from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     ContactModel,
+    ContactResults,
     DiscreteContactApproximation,
     MultibodyPlant,
 )
@@ -47,6 +48,7 @@ class Cell:
     instance: ModelInstanceIndex
     hand: RigidBody
     torque_input: InputPort  # n (Nm), joint order
+    link_of_body: dict[int, int]  # link index of each of the robot's moving bodies
     robot_state: OutputPort  # 2n (rad, rad/s)
     hand_state: OutputPort  # 13: quaternion, position (m), angular and linear velocity
     hand_force_input: InputPort  # nv of the plant, generalized forces
@@ -76,6 +78,9 @@ def add_cell(builder: DiagramBuilder, robot: RobotModel, params: CellParameters 
         instance=instance,
         hand=hand,
         torque_input=_torque_input(builder, robot, plant, instance),
+        link_of_body={
+            int(plant.GetBodyByName(name, instance).index()): link for link, name in enumerate(robot.link_names)
+        },
         robot_state=plant.get_state_output_port(instance),
         hand_state=plant.get_state_output_port(hand.model_instance()),
         hand_force_input=plant.get_applied_generalized_force_input_port(),
@@ -101,31 +106,27 @@ def _ignore_self_contact(plant: MultibodyPlant, scene_graph: SceneGraph, instanc
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))
 
 
-def contact_truth(results, plant: MultibodyPlant, hand: RigidBody) -> Array:
+def contact_truth(results: ContactResults, cell: Cell) -> Array:
     """Return the true contact of the hand from the plant's contact results, for judging alone.
 
     Returns
     -------
-    (8,) array
-        Force of the hand on the robot (N, world), force-weighted contact point (m, world), index of the touched body,
-        penetration depth (m); zeros without contact, body −1.
+    (7,) array
+        Force of the hand on the robot (N, world), force-weighted contact point (m, world) and index of the touched
+        link (−1: the base, or no contact); zeros without contact.
     """
-    force, point, weight, body, depth = np.zeros(3), np.zeros(3), 0.0, -1, 0.0
+    force, point, weight, link = np.zeros(3), np.zeros(3), 0.0, -1
     for i in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(i)
-        pair = (info.bodyA_index(), info.bodyB_index())
-        if hand.index() not in pair:
+        bodies = info.bodyA_index(), info.bodyB_index()
+        if cell.hand.index() not in bodies:
             continue
         # contact_force() acts on body B.
-        on_robot = info.contact_force() if pair[0] == hand.index() else -info.contact_force()
-        size = float(np.linalg.norm(on_robot))
-        if size == 0.0:
-            continue
-        force += on_robot
-        point += size * info.contact_point()
-        weight += size
-        other = pair[1] if pair[0] == hand.index() else pair[0]
-        body, depth = int(other), max(depth, info.point_pair().depth)
-    if weight > 0.0:
-        point /= weight
-    return np.array([*force, *point, body, depth])
+        touched, sign = (bodies[1], 1.0) if bodies[0] == cell.hand.index() else (bodies[0], -1.0)
+        size = float(np.linalg.norm(info.contact_force()))
+        if size > 0.0:
+            force += sign * info.contact_force()
+            point += size * info.contact_point()
+            weight += size
+            link = cell.link_of_body.get(int(touched), -1)
+    return np.array([*force, *(point / weight if weight > 0.0 else point), link])

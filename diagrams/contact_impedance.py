@@ -1,0 +1,329 @@
+"""A person touches the arm: felt, found and answered by an impedance at the contact (Section 7, Fig. 12 and 13)."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from saphari_drake.robots import catalog
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation import contact_analysis as judge
+from saphari_drake.simulation.cell import add_cell, contact_truth
+from saphari_drake.simulation.contact_cell import ContactCell, ContactCellParameters, add_contact_cell, learn_background
+from saphari_drake.simulation.cycle_time import time_cycles
+from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
+from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
+from saphari_drake.simulation.force_recording import read_force_recording
+from saphari_drake.simulation.human_hand import Push
+from saphari_drake.simulation.recorded_push import RecordedPush, RecordedPushParameters, recorded_push
+from saphari_drake.simulation.recorder import Recorder
+from saphari_drake.simulation.replay import Arrow, Marker, write_replay
+
+CASES = {
+    "natural": "natural contact inertia, eq. (57); pushes on links 4, 5 and 6",
+    "modified": "contact inertia diag(20, 3, 10) kg; pushes on link 6 along X, Y and Z, hand released",
+    "recorded": "natural inertia; link 6 is pushed with the recorded force of a real person",
+}
+ORANGE, GREEN = (0.84, 0.37, 0.0), (0.0, 0.62, 0.45)
+SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
+
+
+@dataclass
+class ContactImpedanceScenario:
+    """Everything a run depends on."""
+
+    case: str = "natural"
+    # Seed of the camera's noise and of where the person aims.
+    seed: int = 0
+    # s; the recorded case ends with its recording if that is earlier.
+    duration: float = 18.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
+    # m; the person misses the aimed point by up to this in each direction.
+    aim_spread: float = 0.006
+    pushes: list[Push] = field(default_factory=list)
+    recording: RecordedPushParameters = field(default_factory=RecordedPushParameters)
+    system: ContactCellParameters = field(default_factory=ContactCellParameters)
+
+
+def scenario_for(case: str) -> ContactImpedanceScenario:
+    """Return the scenario of a case."""
+    scenario = ContactImpedanceScenario(case=case)
+    pipeline = scenario.system.pipeline
+    # Along X the camera looks from behind the hand: the finger comes from the side, so that it is seen.
+    sideways = [0.3, -0.7, -0.65]
+    if case == "natural":
+        scenario.pushes = [
+            Push("link_4", [0.0, 0.0, 0.12], [0.0, 0.0, -1.0], [], 30.0, 1.0, 2.7),
+            Push("link_5", [0.0, 0.0, 0.10], [1.0, 0.0, 0.0], sideways, 30.0, 7.0, 2.7),
+            Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 12.5, 2.7),
+        ]
+    elif case == "modified":
+        pipeline.controller.M_d = [20.0, 3.0, 10.0]
+        # The estimate shapes the inertia here: its lag at the release is an impulse.
+        pipeline.observer.gain = 100.0
+        scenario.pushes = [
+            Push("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], sideways, 30.0, 1.0, 3.5),
+            Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 7.0, 3.0),
+            Push("link_6", [0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [], 30.0, 12.5, 3.0),
+        ]
+    elif case == "recorded":
+        pipeline.observer.gain = 100.0
+        scenario.duration = 60.0
+        scenario.pushes = [Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 0.3, 60.0)]
+    return scenario
+
+
+@dataclass
+class Setup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: ContactImpedanceScenario
+    robot: RobotModel
+    pushes: list[Push]
+    diagram: Diagram
+    parts: ContactCell
+    recorder: Recorder
+    recorded: RecordedPush | None
+    duration: float
+
+
+def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) -> Setup:
+    """Build the diagram of a scenario, with its recorder."""
+    robot = load_robot(scenario)
+    spread = np.random.default_rng(scenario.seed).uniform(-1.0, 1.0, (len(scenario.pushes), 3)) * scenario.aim_spread
+    pushes = [
+        Push(p.link, list(np.add(p.aim, offset)), p.direction, p.finger, p.force, p.start, p.hold)
+        for p, offset in zip(scenario.pushes, spread)
+    ]
+    scenario.system.sampler.noise.seed = scenario.seed
+    recorded, duration = None, scenario.duration
+    if scenario.case == "recorded":
+        given = scenario.recording
+        source = read_force_recording(given.file or SYNTHETIC, index=given.index, rate=given.rate or None)
+        recorded = recorded_push(source, pushes[0].direction, given)
+        pushes[0].force = recorded.bias
+        pushes[0].hold = recorded.end + 0.3
+        duration = min(duration, pushes[0].start + pushes[0].hold + 1.5)
+    builder = DiagramBuilder()
+    profile = recorded.profile if recorded else None
+    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
+    recorder = record(builder, parts, scenario.system.pipeline.joint_sensor.period)
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder, recorded, duration)
+
+
+def build_diagram(scenario: ContactImpedanceScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return build(scenario).diagram
+
+
+def load_robot(scenario: ContactImpedanceScenario) -> RobotModel:
+    """Return the scenario's robot at its start posture."""
+    robot = catalog.load(scenario.robot)
+    if scenario.robot in catalog.CATALOG and scenario.home:
+        robot.home = robot.checked_vector(np.deg2rad(scenario.home), "home")
+    return robot
+
+
+def record(builder: DiagramBuilder, parts: ContactCell, period: float) -> Recorder:
+    """Record what the figures and the judgement need, once a cycle."""
+    recorder, cell, p = Recorder(builder, period), parts.cell, parts.pipeline
+    n = cell.robot.n
+    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[: cell.plant.num_positions()])
+    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
+    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder.add("residual", p.observer.GetOutputPort("residual"), "Nm")
+    recorder.add("contact", p.detector.GetOutputPort("contact"), "1")
+    recorder.add("mode", p.monitor.GetOutputPort("mode"), "InteractionMode")
+    recorder.add("active_link", p.monitor.GetOutputPort("active_contact"), "index", lambda c: [c.link])
+    recorder.add("camera_status", p.localizer.GetOutputPort("camera_status"), "CameraStatus")
+    recorder.add("contact_force", p.force.GetOutputPort("contact_force"), "N")
+    recorder.add("force_rank", p.force.GetOutputPort("rank"), "1")
+    recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
+    recorder.add("position_error", p.controller.GetOutputPort("position_error"), "m")
+    recorder.add("torque", p.torque_output, "Nm")
+    recorder.add("torque_excess", p.controller.GetOutputPort("torque_excess"), "Nm")
+    truth = cell.plant.get_contact_results_output_port()
+    recorder.add("contact_truth", truth, "N, m, index", lambda results: contact_truth(results, cell), 7)
+    return recorder
+
+
+def run(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
+    """Run a scenario and judge it."""
+    setup = build(scenario, options.meshcat)
+    simulator = Simulator(setup.diagram)
+    simulator.set_target_realtime_rate(options.realtime_rate)
+    simulator.Initialize()
+    first = setup.pushes[0]
+    middle = min(first.start + min(first.hold, 2.5), setup.duration)
+    wall = advance(simulator, middle, scenario.case)
+    sampler = setup.parts.sampler
+    image = sampler.GetOutputPort("depth_image").Eval(sampler.GetMyContextFromRoot(simulator.get_context()))
+    depth = image.data[..., 0].copy()
+    wall += advance(simulator, setup.duration - middle, scenario.case)
+    log = setup.recorder.log(setup.diagram, simulator.get_context())
+    metrics = judged(setup, log) + timing(setup, log, depth, wall)
+    return Outcome(metrics, log, lambda: figure(setup, log), lambda path: replay(setup, log, path))
+
+
+def judged(setup: Setup, log: Log) -> list[Metric]:
+    """Return the metrics of the contract, and those that explain them."""
+    robot, case = setup.robot, setup.scenario.case
+    touches = judge.find_touches(log, robot, setup.pushes)
+    K_p = np.broadcast_to(setup.scenario.system.pipeline.controller.K_p, 3)
+    errors = judge.localization_errors(log)
+    metrics = []
+    if case == "recorded":
+        metrics += recorded_metrics(setup, log)
+    else:
+        worst = max(judge.force_error(log, touch) for touch in touches)
+        metrics.append(Metric("force_error_relative", worst, "1", high=0.10, reported="estimate used as it is"))
+    metrics += [
+        Metric("localization_error_m", median(errors), "m", high=0.010, reported="approximate localisation"),
+        Metric("localization_error_p95_m", float(np.percentile(errors, 95)) if len(errors) else np.nan, "m"),
+        Metric("link_correct", judge.link_correct(log), "1"),
+    ]
+    if case != "recorded":
+        worst = max(judge.deflection_error(log, robot, touch, K_p) for touch in touches)
+        metrics.append(Metric("deflection_error_relative", worst, "1", high=0.10, reported="F/K_p, eq. (53)"))
+    delays = [judge.detection_delay(log, touch) for touch in touches]
+    bound = 0.05 if case == "natural" else np.inf
+    metrics.append(Metric("contact_detection_delay_s", float(np.max(delays)), "s", high=bound))
+    if case == "modified":
+        metrics += return_metrics(setup, log, touches)
+    jump = np.abs(np.diff(log["torque"], axis=0)).max()
+    metrics.append(Metric("torque_step_max_Nm", float(jump), "Nm"))
+    metrics.append(Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"))
+    return metrics
+
+
+def return_metrics(setup: Setup, log: Log, touches: list[judge.Touch]) -> list[Metric]:
+    """Return the return times of the modified inertia, with the ideal ones of the same axes beside them."""
+    controller = setup.scenario.system.pipeline.controller
+    K_p, K_d = np.broadcast_to(controller.K_p, 3), np.broadcast_to(controller.K_d, 3)
+    metrics, times, errors = [], {}, []
+    for touch in touches:
+        axis = int(np.argmax(np.abs(touch.push.direction)))
+        name = "xyz"[axis]
+        times[name] = judge.return_time(log, setup.robot, touch)
+        ideal = judge.second_order_return_time(controller.M_d[axis], K_d[axis], K_p[axis])
+        errors.append(abs(times[name] / ideal - 1.0))
+        reported = {"x": "slowest", "y": "fastest", "z": "between"}[name]
+        metrics.append(Metric(f"return_time_{name}_s", times[name], "s", 0.85 * ideal, 1.15 * ideal, reported))
+    ordered = float(times.get("y", np.nan) < times.get("z", np.nan) < times.get("x", np.nan))
+    final = max(judge.position_error_final(log, setup.robot, touch) for touch in touches)
+    return [
+        *metrics,
+        Metric("return_times_ordered", ordered, "1", 1.0, 1.0, "Y fastest, X slowest"),
+        Metric("return_time_error_relative", float(np.max(errors)), "1", high=0.15),
+        Metric("position_error_final_m", final, "m", high=0.002, reported="returns to the original position"),
+    ]
+
+
+def recorded_metrics(setup: Setup, log: Log) -> list[Metric]:
+    """Return the errors along the recording, of the whole force and of its varying part."""
+    start = setup.pushes[0].start
+    rows = log.between(start + setup.recorded.start, start + setup.recorded.end)
+    true, estimated = log["contact_truth"][rows, :3], log["contact_force"][rows]
+    error = rms(estimated - true) / rms(true)
+    varying = rms(estimated - true - (estimated - true).mean(axis=0)) / rms(true - true.mean(axis=0))
+    return [
+        Metric("force_error_rms_relative", error, "1", high=0.15),
+        Metric("force_error_rms_relative_varying", varying, "1"),
+        Metric("force_rms_N", rms(true), "N"),
+        Metric("force_bias_N", setup.recorded.bias, "N"),
+        Metric("force_scale", setup.recorded.scale, "1"),
+    ]
+
+
+def timing(setup: Setup, log: Log, depth: np.ndarray, wall: float) -> list[Metric]:
+    """Time the cycle on the run's own states and one of its frames, and tell how fast the run was."""
+    states = np.hstack([log["position"], log["velocity"]])[:440]
+    system = setup.scenario.system
+    background = learn_background(setup.robot, system, 1)
+    seconds, _ = time_cycles(setup.robot, system.camera, system.pipeline, states, depth, background)
+    return [
+        Metric("cycle_ms_median", 1e3 * median(seconds), "ms", high=2.0, reported="5 ms cycle"),
+        Metric("cycle_ms_p95", 1e3 * float(np.percentile(seconds, 95)), "ms", high=3.0, reported="5 ms cycle"),
+        Metric("real_time_factor", setup.duration / wall, "1", 0.25, decides=False),
+    ]
+
+
+def figure(setup: Setup, log: Log):
+    """Return the figure laid out as Fig. 12 or 13 of the deliverable."""
+    axes = "XYZ"
+    force = [Line("contact_force", i, f"F̂ {axes[i]}") for i in range(3)]
+    truth = [Line("contact_truth", i, f"F {axes[i]} (true)", "black", ":") for i in range(3)]
+    number = "13" if setup.scenario.case == "modified" else "12"
+    return time_panels(
+        log,
+        [
+            Panel("Residual", ["residual"], "r [Nm]"),
+            Panel("Contact force: estimate and truth", force + truth, "F [N]"),
+            Panel("Contact position error", [Line("position_error", scale=1e3)], "e [mm]"),
+        ],
+        f"Contact impedance, {CASES[setup.scenario.case]} (layout of Fig. {number})",
+        Shade(intervals(log.time, log["mode"][:, 0] == 1), "in contact"),
+    )
+
+
+def replay(setup: Setup, log: Log, path: Path) -> None:
+    """Write the run as a page that plays offline: arm, hand, estimated contact, estimated and true force."""
+
+    def plant(builder: DiagramBuilder):
+        return add_cell(builder, setup.robot, setup.scenario.system.cell).plant
+
+    answered = (log["mode"][:, 0] == 1) | (log["mode"][:, 0] == 2)
+    truth = log["contact_truth"]
+    touched = np.linalg.norm(truth[:, :3], axis=1) > 0.0
+    # Arrows end at the contact, as a push does.
+    scale = 0.008
+    tail = log["contact_position"] - scale * log["contact_force"]
+    overlays = [
+        Marker("estimated contact", log["contact_position"], 0.012, ORANGE, answered),
+        Arrow("estimated force", tail, log["contact_force"], scale, ORANGE, answered),
+        Arrow("true force", truth[:, 3:6] - scale * truth[:, :3], truth[:, :3], scale, GREEN, touched, 0.004),
+    ]
+    write_replay(
+        path,
+        plant,
+        log.time,
+        log["plant_position"],
+        overlays,
+        camera=((-1.3, 1.5, 1.2), (0.0, 0.35, 0.5)),
+        title=f"Contact impedance: {setup.scenario.case} (orange: estimated, green: true)",
+    )
+
+
+def median(values: np.ndarray) -> float:
+    """Return the median, NaN of nothing."""
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def rms(vectors: np.ndarray) -> float:
+    """Return the root mean square length of vectors (T, 3)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+EXPERIMENT = Experiment(
+    name="contact_impedance",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+    accepts_model=True,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))
