@@ -138,8 +138,8 @@ def load_robot(scenario: ContactImpedanceScenario) -> RobotModel:
 def record(builder: DiagramBuilder, parts: ContactCell, period: float) -> Recorder:
     """Record what the figures and the judgement need, once a cycle."""
     recorder, cell, p = Recorder(builder, period), parts.cell, parts.pipeline
-    n = cell.robot.n
-    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[: cell.plant.num_positions()])
+    n, num_positions = cell.robot.n, cell.plant.num_positions()
+    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
     recorder.add("residual", p.observer.GetOutputPort("residual"), "Nm")

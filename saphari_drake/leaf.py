@@ -14,7 +14,11 @@ CYCLE_OFFSET = 1.0e-6
 
 
 def cycle(period: float) -> dict[str, float]:
-    """Return period and offset (s) of a control cycle's events; the first is one period after the start."""
+    """Return period and offset (s) of a control cycle's events; the first is one period after the start.
+
+    All systems of a cycle declare *unrestricted* updates with it. Drake applies those before discrete updates, so that
+    a mix would show one half of the cycle what the other half has decided already.
+    """
     return {"period_sec": period, "offset_sec": period + CYCLE_OFFSET}
 
 

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+class Immutable:
+    """Base of values that are replaced, never changed in place: clones of a Context share them instead of copying."""
+
+    def __deepcopy__(self, memo: dict) -> Self:
+        return self
 
 
 class CameraStatus(IntEnum):
@@ -29,7 +37,7 @@ class InteractionMode(IntEnum):
 
 
 @dataclass(frozen=True)
-class Interaction:
+class Interaction(Immutable):
     """Decision of the contact monitor, for the estimator and the controllers.
 
     Attributes
@@ -50,7 +58,7 @@ class Interaction:
 
 
 @dataclass(frozen=True)
-class ContactPoint:
+class ContactPoint(Immutable):
     """Where a person touches, or nearly touches, the robot.
 
     Attributes

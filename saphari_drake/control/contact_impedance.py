@@ -14,7 +14,7 @@ from saphari_drake.control.torque_limits import limit_torque
 from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.parameters import diagonal, positive_definite, require_non_negative, require_positive
-from saphari_drake.port_values import ContactPoint, Interaction, InteractionMode
+from saphari_drake.port_values import ContactPoint, Immutable, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 
@@ -102,9 +102,9 @@ def contact_impedance_torque(
     With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
 
-    Added: −(r − J_cᵀF̂), each joint bounded by ``misfit_lever`` ‖F̂‖. It is zero for a force at the assumed point. A point
-    that is wrong by some millimetres leaves a steady torque, which (61) opposes in the null space by damping alone, so
-    that a light wrist turns away under the hand, and which a large M_d turns into a wrong deflection.
+    Added: −(r − J_cᵀF̂), each joint bounded by ``misfit_lever`` ‖F̂‖. It is zero for a force at the assumed point. A
+    point that is wrong by some millimetres leaves a steady torque, which (61) opposes in the null space by damping
+    alone, so that a light wrist turns away under the hand, and which a large M_d turns into a wrong deflection.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class _Output(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Memory:
+class _Memory(Immutable):
     """Law, torque and fading offset of the cycle before."""
 
     law: tuple[str, int, int] | None
@@ -191,7 +191,7 @@ class ContactImpedanceController(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     interaction : abstract `Interaction`, from `ContactMonitor`.
-    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia it only bounds that of the misfit.
+    contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia, bounds the misfit only.
     misfit : n (Nm), from `ContactForceEstimator`.
     torque_commanded : n (Nm), within the robot's limits.
     torque_excess : n (Nm), what the limits cut off.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_positive
@@ -90,7 +90,7 @@ class MomentumObserver(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_commanded", BasicVector(robot.n))
         self._integral = self.DeclareDiscreteState(robot.n)
         self._started = self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(params.period), update=self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
         self.DeclareVectorOutputPort(
             "residual",
             BasicVector(robot.n),
@@ -111,10 +111,11 @@ class MomentumObserver(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(residual(self._dynamics.Eval(context).p, self._integral_now(context), self._gain))
 
-    def _update(self, context: Context, values: DiscreteValues) -> None:
+    def _update(self, context: Context, state: State) -> None:
         integral = self._integral_now(context)
         terms = self._dynamics.Eval(context)
         r = residual(terms.p, integral, self._gain)
         torque = self._torque.Eval(context)
-        values.set_value(self._integral, advance_integral(integral, r, torque, terms, self._period))
-        values.set_value(self._started, [1.0])
+        integral = advance_integral(integral, r, torque, terms, self._period)
+        state.get_mutable_discrete_state(self._integral).SetFromVector(integral)
+        state.get_mutable_discrete_state(self._started).SetFromVector([1.0])

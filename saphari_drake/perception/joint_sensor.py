@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_non_negative, require_positive
@@ -66,22 +66,24 @@ class JointSensor(LeafSystem):
         self._q = self.DeclareDiscreteState(robot.home)
         self._v = self.DeclareDiscreteState(robot.n)
         period = self._params.period
-        self.DeclareInitializationDiscreteUpdateEvent(self._sample_first)
-        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(period), update=self._sample)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._sample_first)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._sample)
         self.DeclareStateOutputPort("position_measured", self._q)
         self.DeclareStateOutputPort("velocity_measured", self._v)
 
-    def _sample_first(self, context: Context, values: DiscreteValues) -> None:
+    def _sample_first(self, context: Context, updated: State) -> None:
         state = self._state.Eval(context)
-        values.set_value(self._q, quantize(state[: self._n], self._params.position_resolution))
-        values.set_value(self._v, state[self._n :])
+        self._store(updated, quantize(state[: self._n], self._params.position_resolution), state[self._n :])
 
-    def _sample(self, context: Context, values: DiscreteValues) -> None:
+    def _sample(self, context: Context, updated: State) -> None:
         state = self._state.Eval(context)
         q = quantize(state[: self._n], self._params.position_resolution)
         if self._params.differentiate:
             v = (q - context.get_discrete_state(self._q).value()) / self._params.period
         else:
             v = quantize(state[self._n :], self._params.velocity_resolution)
-        values.set_value(self._q, q)
-        values.set_value(self._v, v)
+        self._store(updated, q, v)
+
+    def _store(self, updated: State, q: Array, v: Array) -> None:
+        updated.get_mutable_discrete_state(self._q).SetFromVector(q)
+        updated.get_mutable_discrete_state(self._v).SetFromVector(v)

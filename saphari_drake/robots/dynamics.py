@@ -11,6 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.math.tree import point_kinematics, tree_dynamics, tree_kinematics
+from saphari_drake.port_values import Immutable
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ class PointKinematics(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DynamicsTerms:
+class DynamicsTerms(Immutable):
     """All terms of M(q)q̈ + C(q,q̇)q̇ + g(q) + τ_ext = τ (6) at one state, evaluated once and shared.
 
     Attributes

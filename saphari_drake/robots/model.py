@@ -16,7 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
-from saphari_drake.math.tree import PRISMATIC, REVOLUTE
+from saphari_drake.math.tree import PRISMATIC, REVOLUTE, tree_dynamics, tree_kinematics
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 
 Array = NDArray[np.float64]
@@ -70,7 +70,8 @@ class RobotModel:
     Raises
     ------
     ModelError
-        If the file does not exist, does not parse, has other joints, lacks mass or effort limits, or cannot be moved to X_WB.
+        If the file does not exist, does not parse, has other joints, lacks mass or effort limits, or fixes its root to
+        the world itself and X_WB is given.
     """
 
     def __init__(
@@ -122,11 +123,11 @@ class RobotModel:
         roots = [body for body in bodies if body.index() not in children]
         if len(roots) > 1:
             names = ", ".join(body.name() for body in roots)
-            raise ModelError(f"{self.path}: more than one body without a parent joint: {names}")
+            raise ModelError(f"{self.path}: more than one body without a parent joint, or with a floating one: {names}")
         if roots:
             plant.WeldFrames(plant.world_frame(), roots[0].body_frame(), self.X_WB)
         elif not self.X_WB.IsExactlyIdentity():
-            raise ModelError(f"{self.path}: fixes its root to the world itself, so that X_WB has no effect; leave it out")
+            raise ModelError(f"{self.path}: the file fixes its root to the world; leave X_WB out")
 
     def _add_actuators(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         """Give every joint an actuator, in the order of the joints, with a finite effort limit."""
@@ -149,7 +150,7 @@ class RobotModel:
             else:
                 plant.AddJointActuator(name, joint, limit)
         if missing:
-            raise ModelError(f"{self.path}: no effort limit for {', '.join(missing)}; add them or pass effort_limits")
+            raise ModelError(f"{self.path}: no finite effort limit > 0 for {', '.join(missing)}; pass effort_limits")
 
     def _given_effort_limits(self, joints: list[str]) -> dict[str, float]:
         given = self._effort_limits
@@ -183,9 +184,6 @@ class RobotModel:
                 link_of.setdefault(welded.index(), -1 if root is None else link_of[body.index()])
         for j, body in enumerate(link_bodies):
             mass[j], com[j], inertia[j] = _lumped_inertia(plant, context, body)
-        massless = [self.link_names[j] for j in range(self.n) if mass[j] <= 0.0 and not _carries_mass(plant, joints, j)]
-        if massless:
-            raise ModelError(f"{self.path}: no mass (inertial element) on moving link {', '.join(massless)}")
         parent = np.array([link_of[joint.parent_body().index()] for joint in joints], dtype=np.int64)
         R_PF, p_PF = np.empty((self.n, 3, 3)), np.empty((self.n, 3))
         R_ML, p_ML = np.empty((self.n, 3, 3)), np.empty((self.n, 3))
@@ -202,11 +200,21 @@ class RobotModel:
         self.tree = Tree(
             parent, kind, axis, R_PF, p_PF, R_ML, p_ML, mass, com, inertia, armature, np.array(gravity, dtype=float)
         )
+        self._require_inertia(np.array(plant.GetPositions(context)))
         for index in plant.GetFrameIndices(instance):
             frame = plant.get_frame(index)
             link = link_of[frame.body().index()]
             base = link_bodies[link].body_frame() if link >= 0 else plant.world_frame()
             self._frames[frame.name()] = (link, frame.CalcPose(context, base))
+
+    def _require_inertia(self, q: Array) -> None:
+        """Every joint must move some inertia, on its own link or farther out, or M has no inverse."""
+        t, v = self.tree, np.zeros(self.n)
+        kinematics = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
+        M = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, *kinematics, v)[0]
+        lacking = [self.link_names[j] for j in range(self.n) if M[j, j] < 1e-12]
+        if lacking:
+            raise ModelError(f"{self.path}: no mass or inertia (inertial element) on moving link {', '.join(lacking)}")
 
     def _read_limits(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         joints = [plant.GetJointByName(name, instance) for name in self.joint_names]
@@ -292,13 +300,6 @@ def _lumped_inertia(plant: MultibodyPlant, context, link) -> tuple[float, Array,
     inertia = plant.CalcSpatialInertia(context, link.body_frame(), bodies)
     about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
     return inertia.get_mass(), np.array(inertia.get_com()), np.array(about_com.CopyToFullMatrix3())
-
-
-def _carries_mass(plant: MultibodyPlant, joints: list, j: int) -> bool:
-    """Whether bodies that joint j carries farther out have mass (a massless link is fine in mid-chain)."""
-    context = plant.CreateDefaultContext()
-    outboard = plant.GetBodiesKinematicallyAffectedBy([joints[j].index()])
-    return sum(plant.get_body(index).get_mass(context) for index in outboard) > 0.0
 
 
 def _reflected_inertia(plant: MultibodyPlant, joint) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import cycle
@@ -76,7 +76,7 @@ class ContactDetector(LeafSystem):
         self._residual = self.DeclareVectorInputPort("residual", BasicVector(num_joints))
         # Time left until release (s); 0 when not touched.
         self._remaining = self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(**cycle(params.period), update=self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
         inputs = {self._residual.ticket()}
         self.DeclareVectorOutputPort(
             "contact",
@@ -98,11 +98,11 @@ class ContactDetector(LeafSystem):
     def _calc_ratio(self, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, self._ratio(context))
 
-    def _update(self, context: Context, values: DiscreteValues) -> None:
+    def _update(self, context: Context, state: State) -> None:
         params, ratio = self._params, self._ratio(context)
         remaining = context.get_discrete_state(self._remaining).value()[0]
         if ratio >= 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
             remaining = max(params.release_time, params.period)
         else:
             remaining = max(0.0, remaining - params.period)
-        values.set_value(self._remaining, [remaining])
+        state.get_mutable_discrete_state(self._remaining).SetFromVector([remaining])

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_positive
-from saphari_drake.port_values import CameraStatus, ContactPoint, Interaction, InteractionMode
+from saphari_drake.port_values import CameraStatus, ContactPoint, Immutable, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 
@@ -51,7 +51,7 @@ class ContactMonitorParameters:
 
 
 @dataclass(frozen=True)
-class _Memory:
+class _Memory(Immutable):
     """State of the monitor: its decision and how long things have lasted (s)."""
 
     interaction: Interaction

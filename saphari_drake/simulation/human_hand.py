@@ -16,6 +16,7 @@ from saphari_drake.errors import ModelError, ParameterError
 from saphari_drake.math.geometry import nearest_surface_point
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.port_values import Immutable
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.bodies import HandParameters
@@ -94,7 +95,7 @@ def find_target(robot: RobotModel, q: ArrayLike, push: Push) -> Target:
 
 
 @dataclass(frozen=True)
-class _Memory:
+class _Memory(Immutable):
     """State of the person: the push under way, its target, and where the last one was left."""
 
     index: int
