@@ -100,6 +100,6 @@ class HandScene:
                 and finger @ view < 0.9
                 and min(surface_point(shapes.kind[i], shapes.size[i], R[i], p[i], point)[0] for i in others) > 0.03
                 and clearance(point + to_eye * np.linspace(0.03, 0.9, 40)[:, None]) > 0.0
-                and clearance(point + finger * np.linspace(0.1, 0.45, 15)[:, None]) > 0.06
+                and clearance(point + finger * np.linspace(0.1, 0.45, 15)[:, None]) > 0.085
             ):
                 return Touch(q, R_WL, p_WL, int(shapes.link[s]), point, normal, finger)

@@ -90,8 +90,10 @@ def localize_twin(shapes, camera, params, depth, background, R_WL, p_WL):
     scale = np.maximum((z / params.scale_depth) ** 2, params.least_scale)
     strong = valid & (d > params.seed_distance * scale)
     human = valid & (d > params.grow_distance * scale) & ndimage.maximum_filter(strong, 9, mode="constant")
-    count = ndimage.convolve(human.astype(int), np.ones((5, 5), int), mode="constant")
-    human &= count >= params.support
+    depths = np.pad(np.where(human, z, np.inf), 2, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(depths, (5, 5))
+    alike = np.abs(windows - z[..., None, None]) < params.support_step * scale[..., None, None]
+    human &= alike.sum(axis=(2, 3)) >= params.support
     labels, _ = ndimage.label(human, np.ones((3, 3)))
     human &= np.bincount(labels.ravel())[labels] >= params.component
     human &= (d < params.reach) & (shapes.link[owner] >= 0)
@@ -376,9 +378,21 @@ def test_frames_without_readings_are_invalid(bench_scene):
     bench.advance(0.05)
     assert bench.get("camera_status") == CameraStatus.INVALID
     assert not bench.get("contact_point").found
-    bench.frame(image, 0.066)
+    bench.frame(image, 0.05)
     bench.advance(0.07)
     assert bench.get("camera_status") == CameraStatus.OK
+
+
+@pytest.mark.parametrize("stamp", [0.05, 0.6, np.nan, np.inf])
+def test_frames_from_long_ago_or_the_future_are_not_used(bench_scene, stamp):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.advance(0.4)
+    bench.frame(image, stamp)
+    bench.advance(0.5)
+    assert bench.get("camera_status") == CameraStatus.STALE
+    assert not bench.get("contact_point").found
 
 
 def test_position_that_is_not_finite_is_an_error(scene):

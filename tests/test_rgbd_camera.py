@@ -11,6 +11,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
+from saphari_drake.parameters import validate
 from saphari_drake.perception import open3d_import, rgbd_camera
 from saphari_drake.perception.rgbd_camera import (
     CameraParameters,
@@ -87,7 +88,7 @@ def test_pixels_look_along_half_pixel_rays(engine):
     error = cosine * np.abs(image[inner] - exact[inner])
     assert error.max() < 0.5e-3
     # With rays that are half a pixel off, the readings do not lie on the ball.
-    half_off = CameraParameters(center_x=params.center_x - 0.5, center_y=params.center_y - 0.5)
+    half_off = CameraParameters(center_x=params.center[0] - 0.5, center_y=params.center[1] - 0.5)
     wrong, _ = sphere_depth(half_off)
     assert np.nanquantile(cosine * np.abs(image[inner] - wrong[inner]), 0.95) > 1.0e-3
 
@@ -213,6 +214,14 @@ def test_bad_parameters_are_named(field, value):
     with pytest.raises(ParameterError) as error:
         CameraParameters(**{field: value})
     assert error.value.field == field
+
+
+def test_center_follows_the_size():
+    params = CameraParameters()
+    params.width = 320
+    validate(params)
+    assert params.center == (160.0, 240.0)
+    assert CameraParameters(center_x=300.0).center == (300.0, 240.0)
 
 
 def test_unknown_renderer_lists_those_that_exist():

@@ -160,7 +160,8 @@ class ContactLocalizer(LeafSystem):
             postures=np.vstack([memory.postures, q])[-self._kept :],
         )
         stamp = float(self._time.Eval(context)[0])
-        if stamp >= 0.0 and stamp != memory.stamp:
+        usable = 0.0 <= stamp <= now and now - stamp <= self._params.memory
+        if usable and stamp != memory.stamp:
             posture = np.array([np.interp(stamp, memory.times, column) for column in memory.postures.T])
             seen = self._localize(self._image.Eval(context).data[..., 0], posture)
             memory = self._with_frame(memory, seen, stamp, now)

@@ -36,8 +36,10 @@ class LocalizerParameters:
     # Depth at which (s) holds (m, > 0), and the least factor by which a smaller depth shrinks it (0–1).
     scale_depth: float = 1.7
     least_scale: float = 0.25
-    # Least number of the person's pixels in a 5 × 5 window (1–25), and in a connected component (≥ 1).
-    support: int = 9
+    # Least number of the person's pixels in a 5 × 5 window (1–25) at depths that differ by less than this (m, s, > 0).
+    support: int = 7
+    support_step: float = 0.03
+    # Least number of the person's pixels in a connected component (≥ 1).
     component: int = 25
     # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0).
     rank: int = 6
@@ -59,14 +61,14 @@ class LocalizerParameters:
     jump: float = 0.04
     # Frames in a row that must show another link before it is taken while in contact (≥ 1).
     switch_frames: int = 2
-    # Time over which postures are remembered (s, > 0); more than the camera's latency and one frame.
+    # Time over which postures are remembered (s, > 0); a frame that is older when it arrives is not used.
     memory: float = 0.3
 
     def __post_init__(self) -> None:
         require_positive(
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout", "time_constant",
-            "jump", "switch_frames", "memory",
+            "support", "support_step", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout",
+            "time_constant", "jump", "switch_frames", "memory",
         )  # fmt: skip
         require_non_negative(self, "half_thickness")
         if self.grow_distance >= self.seed_distance:
@@ -174,7 +176,7 @@ class ContactVision:
         X_WC = camera_pose(camera)
         self._R_WC, self._p_WC = X_WC.rotation().matrix(), X_WC.translation()
         self.x, self.y = ray_tables(camera)
-        self.pinhole = camera.focal_x, camera.focal_y, camera.center_x, camera.center_y
+        self.pinhole = camera.focal_x, camera.focal_y, *camera.center
         self._bounds = bounding_capsules(shapes.kind, shapes.size)
         scale = np.maximum((background / params.scale_depth) ** 2, params.least_scale)
         limit = np.full(size, np.inf)
@@ -203,7 +205,9 @@ class ContactVision:
             depth, self.limit, self.x, self.y, shapes.kind, shapes.size, R_CS, p_CS, left, right, region,
             p.seed_distance, p.grow_distance, p.scale_depth, p.least_scale,
         )  # fmt: skip
-        human = kernels.human_mask(weak, strong, p.support, p.component)
+        human = kernels.human_mask(
+            depth, weak, strong, region, p.support, p.support_step, p.scale_depth, p.least_scale, p.component
+        )
         link, distance, p_C = kernels.soft_minimum(
             depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
             p.rank, p.softness, p.spread,

@@ -179,20 +179,34 @@ def _drop_small(mask, least):
 
 
 @njit(cache=True)
-def human_mask(weak, strong, support, component):
-    """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component."""
+def human_mask(z, weak, strong, region, support, step, z_ref, least, component):
+    """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component.
+
+    A pixel is supported by those in its window that are near a strong one too, at a depth that differs by less than
+    `step` (m) times max((z / z_ref)², least). The mixed readings at the edge of an arm before the robot have no such
+    neighbours.
+    """
     near = _window_sum(strong, BORDER)
     rows, cols = weak.shape
-    human = np.empty((rows, cols), np.uint8)
     for r in range(rows):
-        out, a, b = human[r], weak[r], near[r]
+        out, a = near[r], weak[r]
         for c in range(cols):
-            out[c] = a[c] & (b[c] > 0)
-    count = _window_sum(human, SUPPORT)
-    for r in range(rows):
-        out, a = human[r], count[r]
-        for c in range(cols):
-            out[c] &= a[c] >= support
+            out[c] = a[c] & (out[c] > 0)
+    human = np.zeros((rows, cols), np.uint8)
+    r0, _, c0, _ = region
+    for r in range(BORDER, rows - BORDER):
+        row, depths = near[r], z[r - BORDER + r0]
+        for c in range(BORDER, cols - BORDER):
+            if not row[c]:
+                continue
+            depth = depths[c - BORDER + c0]
+            tolerance = step * max((depth / z_ref) ** 2, least)
+            count = 0
+            for i in range(r - SUPPORT, r + SUPPORT + 1):
+                for j in range(c - SUPPORT, c + SUPPORT + 1):
+                    if near[i, j]:
+                        count += abs(z[i - BORDER + r0, j - BORDER + c0] - depth) < tolerance
+            human[r, c] = count >= support
     _drop_small(human, component)
     return human
 

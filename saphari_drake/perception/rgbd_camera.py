@@ -83,10 +83,14 @@ class CameraParameters:
             raise ParameterError("target", "must not lie straight above or below the camera")
         for name, size in (("center_x", self.width), ("center_y", self.height)):
             value = getattr(self, name)
-            if np.isnan(value):
-                setattr(self, name, size / 2)
-            elif not 0.0 <= value <= size:
+            if not (np.isnan(value) or 0.0 <= value <= size):
                 raise ParameterError(name, f"must lie in the image, 0 to {size}, got {value}")
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """Principal point (pixels from the left and top edge)."""
+        x, y = self.center_x, self.center_y
+        return (self.width / 2 if np.isnan(x) else x), (self.height / 2 if np.isnan(y) else y)
 
 
 def camera_pose(params: CameraParameters) -> RigidTransform:
@@ -101,8 +105,9 @@ def camera_pose(params: CameraParameters) -> RigidTransform:
 
 def ray_tables(params: CameraParameters) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return x/z of each column (width,) and y/z of each row (height,) of the image, through pixel centres."""
-    x = (np.arange(params.width) + 0.5 - params.center_x) / params.focal_x
-    y = (np.arange(params.height) + 0.5 - params.center_y) / params.focal_y
+    center_x, center_y = params.center
+    x = (np.arange(params.width) + 0.5 - center_x) / params.focal_x
+    y = (np.arange(params.height) + 0.5 - center_y) / params.focal_y
     return x.astype(np.float32), y.astype(np.float32)
 
 
@@ -184,7 +189,7 @@ def add_depth_camera(
         check_renderer()
         if not scene_graph.HasRenderer(RENDERER):
             scene_graph.AddRenderer(RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams(backend=_backend())))
-        info = CameraInfo(params.width, params.height, params.focal_x, params.focal_y, params.center_x, params.center_y)
+        info = CameraInfo(params.width, params.height, params.focal_x, params.focal_y, *params.center)
         core = RenderCameraCore(RENDERER, info, ClippingRange(0.01, 2.0 * params.far), RigidTransform())
         depth = DepthRenderCamera(core, DepthRange(params.near, params.far))
         camera = RgbdSensor(scene_graph.world_frame_id(), X_WC, depth)
