@@ -50,7 +50,7 @@ class LocalizerParameters:
     # Distance of the person below which a contact is possible (m, > 0).
     gate: float = 0.028
     # Spacing of the person's points that are published (pixels, ≥ 1).
-    points_stride: int = 4
+    points_stride: int = 6
     # Least share of the robot's visible axis points that must have a reading (0–1) for a frame to be valid.
     least_seen: float = 0.5
     # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
@@ -206,14 +206,15 @@ class ContactVision:
             p.seed_distance, p.grow_distance, p.scale_depth, p.least_scale,
         )  # fmt: skip
         human = kernels.human_mask(
-            depth, weak, strong, region, p.support, p.support_step, p.scale_depth, p.least_scale, p.component
-        )
+            depth, best, weak, strong, region, p.reach, p.support, p.support_step, p.scale_depth, p.least_scale,
+            p.component,
+        )  # fmt: skip
         link, distance, p_C = kernels.soft_minimum(
             depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
             p.rank, p.softness, p.spread,
         )  # fmt: skip
         seen = share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
-        points = kernels.human_points(depth, self.limit, self.x, self.y, human, region, p.points_stride)
+        points = kernels.human_points(depth, self.limit, self.x, self.y, best, human, region, p.reach, p.points_stride)
         points = points @ R_WC.T + p_WC
         if link < 0 or distance > p.reach:
             return Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)

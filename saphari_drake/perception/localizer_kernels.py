@@ -179,11 +179,11 @@ def _drop_small(mask, least):
 
 
 @njit(cache=True)
-def human_mask(z, weak, strong, region, support, step, z_ref, least, component):
+def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least, component):
     """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component.
 
     A pixel is supported by those in its window that are near a strong one too, at a depth that differs by less than
-    `step` (m) times max((z / z_ref)², least). The mixed readings at the edge of an arm before the robot have no such
+    `step` (m) times max((z / z_ref)², least); beyond `reach` (m) from the robot none is needed. The mixed readings at the edge of an arm before the robot have no such
     neighbours.
     """
     near = _window_sum(strong, BORDER)
@@ -195,9 +195,12 @@ def human_mask(z, weak, strong, region, support, step, z_ref, least, component):
     human = np.zeros((rows, cols), np.uint8)
     r0, _, c0, _ = region
     for r in range(BORDER, rows - BORDER):
-        row, depths = near[r], z[r - BORDER + r0]
+        row, depths, line = near[r], z[r - BORDER + r0], best[r - BORDER]
         for c in range(BORDER, cols - BORDER):
             if not row[c]:
+                continue
+            if line[c - BORDER] > reach:
+                human[r, c] = 1
                 continue
             depth = depths[c - BORDER + c0]
             tolerance = step * max((depth / z_ref) ** 2, least)
@@ -272,11 +275,11 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
 
 
 @njit(cache=True)
-def human_points(z, limit, x, y, human, region, stride):
+def human_points(z, limit, x, y, best, human, region, reach, stride):
     """Return the person's points (k, 3) in C (m), at every `stride`-th row and column of the whole image.
 
-    In the region they are those of `human`; outside of it, foreground with five or more of its eight neighbours
-    within 5 cm in depth.
+    Within `reach` (m) of the robot they are those of `human`; elsewhere, foreground with five or more of its eight
+    neighbours within 5 cm in depth.
     """
     rows, cols = z.shape
     r0, r1, c0, c1 = region
@@ -287,7 +290,7 @@ def human_points(z, limit, x, y, human, region, stride):
             depth = z[r, c]
             if not 0.0 < depth < limit[r, c]:
                 continue
-            if r0 <= r < r1 and c0 <= c < c1:
+            if r0 <= r < r1 and c0 <= c < c1 and best[r - r0, c - c0] <= reach:
                 taken = human[r - r0 + BORDER, c - c0 + BORDER] > 0
             else:
                 alike = -1
