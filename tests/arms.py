@@ -8,7 +8,6 @@ import pinocchio as pin
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from saphari_drake.robots.catalog import models_dir
-from saphari_drake.robots.model import RobotModel
 
 EXAMPLES = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
 TILTED = RigidTransform(RollPitchYaw(0.3, -0.5, 0.9), [0.4, -0.2, 0.7])

@@ -132,9 +132,10 @@ class RobotModel:
     def _add_actuators(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         """Give every joint an actuator, in the order of the joints, with a finite effort limit."""
         actuated = {}
-        for index in plant.GetJointActuatorIndices(instance):
+        for index in plant.GetJointActuatorIndices():  # by instance, the list is empty before Finalize
             actuator = plant.get_joint_actuator(index)
-            actuated[actuator.joint().name()] = actuator
+            if actuator.model_instance() == instance:
+                actuated[actuator.joint().name()] = actuator
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
         moving = [joint for joint in joints if joint.num_velocities() == 1]
         limits = self._given_effort_limits([joint.name() for joint in moving])
