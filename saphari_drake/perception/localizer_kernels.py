@@ -183,8 +183,8 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
     """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component.
 
     A pixel is supported by those in its window that are near a strong one too, at a depth that differs by less than
-    `step` (m) times max((z / z_ref)², least); beyond `reach` (m) from the robot none is needed. The mixed readings at the edge of an arm before the robot have no such
-    neighbours.
+    `step` (m) times max((z / z_ref)², least). The mixed readings at the edge of an arm before the robot have no such
+    neighbours. Beyond `reach` (m) from the robot no support is needed.
     """
     near = _window_sum(strong, BORDER)
     rows, cols = weak.shape
