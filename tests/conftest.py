@@ -2,9 +2,14 @@
 
 import pytest
 from arms import FIXED, TILTED, arm_path
+from hypothesis import settings
 
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
+
+# A first call may compile.
+settings.register_profile("compiled", deadline=None, derandomize=True)
+settings.load_profile("compiled")
 
 
 @pytest.fixture(scope="session")

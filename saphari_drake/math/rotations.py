@@ -36,10 +36,9 @@ def rotation_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[
     a = np.asarray(a, dtype=float) / np.linalg.norm(a)
     b = np.asarray(b, dtype=float) / np.linalg.norm(b)
     axis = np.cross(a, b)
-    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
-    if sine < 1e-12:
-        if cosine > 0.0:
-            return np.eye(3)
+    angle = float(np.arctan2(np.linalg.norm(axis), a @ b))
+    if angle > np.pi - 1e-12:
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        sine = float(np.linalg.norm(axis))
-    return np.asarray(axis_rotation(axis / sine, float(np.arctan2(np.linalg.norm(np.cross(a, b)), cosine))))
+    axis = axis - (axis @ a) * a  # for nearly opposite directions, rounding leaves it not quite normal to a
+    length = float(np.linalg.norm(axis))
+    return np.eye(3) if length < 1e-12 else np.asarray(axis_rotation(axis / length, angle))
