@@ -78,6 +78,8 @@ def scenario_for(case: str) -> ContactImpedanceScenario:
     elif case == "recorded":
         pipeline.observer.gain = 100.0
         scenario.duration = 60.0
+        # A firmer arm than for a plain push: the ball turns away under a soft one when the force leaves its centre.
+        scenario.system.cell.hand.stiffness, scenario.system.cell.hand.damping = 1500.0, 40.0
         scenario.pushes = [Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 0.3, 60.0)]
     return scenario
 

@@ -63,7 +63,7 @@ def add_cell(builder: DiagramBuilder, robot: RobotModel, params: CellParameters 
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, params.time_step)
     plant.set_name("plant")
     plant.set_contact_model(ContactModel.kPoint)
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     instance = robot.add_to(plant)
     hand = add_hand(plant, params.hand)
     add_floor(plant)

@@ -91,6 +91,7 @@ def add_contact_cell(
             cell.plant.num_velocities(),
             cell.hand.floating_velocities_start_in_v(),
             force_profile,
+            float(np.mean(params.pipeline.controller.K_p)),
         ),
     )
     cell.plant.SetDefaultFloatingBaseBodyPose(cell.hand, hand.start_pose())

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
@@ -129,13 +129,16 @@ class HumanHand(LeafSystem):
 
     Each push goes from a standoff outside the robot towards its target at a steady speed. The spring pulls the hand
     along the push with no more than the push's force, so that it reaches that force and keeps it; across, and when
-    coming and going, it is a plain spring and damper. With `force_profile` a push applies that force as it is.
+    coming and going, it is a plain spring and damper. With `force_profile` the person aims so far into the robot that
+    spring and robot balance at that force.
 
     Parameters
     ----------
     force_profile : callable, optional
-        ``force_profile(seconds since the start of the push) -> (3,)`` force in the world (N) or None; while it gives
-        a force, that replaces the spring.
+        ``force_profile(seconds since the start of the push) -> (3,)`` force in the world (N), or None for the plain
+        push.
+    robot_stiffness : float
+        Stiffness of the robot that the person expects with `force_profile` (N/m).
     """
 
     STANDOFF = 0.18  # m, from the surface
@@ -151,12 +154,14 @@ class HumanHand(LeafSystem):
         num_velocities: int,
         velocity_start: int,
         force_profile: Callable[[float], Array | None] | None = None,
+        robot_stiffness: float = 500.0,
     ) -> None:
         super().__init__()
         if not pushes:
             raise ParameterError("pushes", "needs at least one push")
         self._robot, self._params, self._pushes = robot, params, tuple(pushes)
         self._profile = force_profile
+        self._stretch = 1.0 / params.stiffness + 1.0 / robot_stiffness  # m/N of the person's aim, in a balance of forces
         self._slice = slice(velocity_start, velocity_start + 6)
         self._num_velocities = num_velocities
         self._hand = self.DeclareVectorInputPort("hand_state", BasicVector(13))
@@ -213,7 +218,7 @@ class HumanHand(LeafSystem):
         outward /= max(float(np.linalg.norm(outward)), 1e-6)
         bulge = 4.0 * s * (1.0 - s) * 0.2 * outward
         turn = RotationMatrix(memory.previous.R_WH.T @ target.R_WH).ToAngleAxis()
-        R = memory.previous.R_WH @ RotationMatrix(_angle_axis(s * turn.angle(), turn.axis())).matrix()
+        R = memory.previous.R_WH @ RotationMatrix(AngleAxis(s * turn.angle(), turn.axis())).matrix()
         return start + s * (standoff - start) + bulge, R
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -222,13 +227,16 @@ class HumanHand(LeafSystem):
         state = self._hand.Eval(context)
         q_WH, p_WH, w_WH, v_WH = state[:4], state[4:7], state[7:10], state[10:13]
         p_set, R_set = self._setpoint(memory, time)
-        spring = params.stiffness * (p_set - p_WH)
         elapsed = time - push.start
-        if memory.p_release is None and elapsed >= 0.0:
+        pushing = memory.p_release is None and elapsed >= 0.0
+        wanted = self._profile(elapsed) if self._profile and pushing else None
+        if wanted is not None:
+            p_touch = memory.target.p_WT + params.finger_radius * memory.target.n_W
+            p_set = p_touch + self._stretch * wanted
+        spring = params.stiffness * (p_set - p_WH)
+        if pushing and wanted is None:
             along = float(memory.target.direction @ spring)
             spring += (min(along, push.force) - along) * memory.target.direction
-            recorded = self._profile(elapsed) if self._profile else None
-            spring = spring if recorded is None else recorded
         force = spring - params.damping * v_WH
         R_WH = Quaternion(wxyz=q_WH / np.linalg.norm(q_WH)).rotation()
         error = RotationMatrix(R_set @ R_WH.T).ToAngleAxis()
@@ -236,9 +244,3 @@ class HumanHand(LeafSystem):
         generalized = np.zeros(self._num_velocities)
         generalized[self._slice] = [*torque, *force]
         output.SetFromVector(generalized)
-
-
-def _angle_axis(angle: float, axis: Array) -> RotationMatrix:
-    from pydrake.common.eigen_geometry import AngleAxis
-
-    return AngleAxis(angle=angle, axis=axis)

@@ -27,7 +27,7 @@ class RecordedPushParameters:
     # 1/s; sample rate, if the file does not tell it (0: read it from the file).
     rate: float = 0.0
     # N; the recording is scaled so that its largest force has this size.
-    peak: float = 20.0
+    peak: float = 15.0
     # Share of the normal force that the tangential one may reach; must be below the friction of skin on the robot.
     friction_used: float = 0.4
     # N; least normal force.
