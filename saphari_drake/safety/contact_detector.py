@@ -62,8 +62,9 @@ class ContactDetector(LeafSystem):
     contact : 1, 1 while touched, else 0.
     ratio : 1, the largest |r_i| over its threshold.
 
-    Touched as soon as the ratio reaches 1, without delay; released after it has stayed below the release ratio for
-    the release time. The residual's size is the trigger; which link it is comes from vision.
+    Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
+    stayed below the release ratio for the release time. The residual's size is the trigger; which link it is comes from
+    vision.
     """
 
     def __init__(self, num_joints: int, params: ContactDetectorParameters | None = None) -> None:
@@ -90,7 +91,8 @@ class ContactDetector(LeafSystem):
         return float(np.max(np.abs(self._residual.Eval(context)) / self._threshold))
 
     def _touched(self, context: Context) -> bool:
-        return self._ratio(context) >= 1.0 or context.get_discrete_state(self._remaining).value()[0] > 0.0
+        # Not "ratio >= 1": a residual that is lost (NaN) is no proof that nobody touches.
+        return not self._ratio(context) < 1.0 or context.get_discrete_state(self._remaining).value()[0] > 0.0
 
     def _calc_contact(self, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, float(self._touched(context)))
@@ -101,7 +103,7 @@ class ContactDetector(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         params, ratio = self._params, self._ratio(context)
         remaining = context.get_discrete_state(self._remaining).value()[0]
-        if ratio >= 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
+        if not ratio < 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
             remaining = max(params.release_time, params.period)
         else:
             remaining = max(0.0, remaining - params.period)

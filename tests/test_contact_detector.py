@@ -1,0 +1,150 @@
+"""The detector: threshold, hysteresis, release time and noise."""
+
+import numpy as np
+import pytest
+from bench import PERIOD, Bench
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters, residual_noise
+
+
+def detector(residual=0.0, **params):
+    return Bench(ContactDetector(7, ContactDetectorParameters(**params)), residual=joint(residual))
+
+
+def joint(value, index=3):
+    """Return a residual that is zero but in one joint."""
+    r = np.zeros(7)
+    r[index] = value
+    return r
+
+
+@pytest.mark.parametrize("index", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_contact_from_the_threshold_on_without_delay(index, sign):
+    """In any joint, in either direction, in the same cycle."""
+    bench = detector(threshold=1.5)
+    bench.set(residual=joint(sign * 1.499, index))
+    assert bench.read("contact") == 0.0
+    bench.set(residual=joint(sign * 1.5, index))
+    assert bench.read("contact") == 1.0
+
+
+def test_each_joint_has_its_threshold():
+    thresholds = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    bench = detector(threshold=thresholds)
+    for index, threshold in enumerate(thresholds):
+        bench.set(residual=joint(0.9 * threshold, index))
+        assert bench.read("ratio") == pytest.approx(0.9)
+        assert bench.read("contact") == 0.0
+
+
+def test_stays_between_release_level_and_threshold():
+    """Once touched, a residual above the release ratio keeps the contact for any time; untouched, it makes none."""
+    bench = detector(threshold=1.0, release_ratio=0.5)
+    bench.run(100, residual=joint(0.7))
+    assert bench.read("contact") == 0.0
+    bench.run(residual=joint(1.0))
+    bench.run(100, residual=joint(0.5))
+    assert bench.read("contact") == 1.0
+
+
+@pytest.mark.parametrize("release_time", [0.05, 0.02])
+def test_released_after_the_release_time(release_time):
+    bench = detector(release_time=release_time)
+    bench.run(residual=joint(2.0))
+    cycles = round(release_time / PERIOD)
+    for _ in range(cycles - 1):
+        bench.run(residual=joint(0.1))
+        assert bench.read("contact") == 1.0
+    bench.run(2)
+    assert bench.read("contact") == 0.0
+
+
+def test_release_time_starts_again_when_the_residual_rises():
+    bench = detector(release_time=0.05)
+    bench.run(residual=joint(2.0))
+    for _ in range(10):
+        bench.run(8, residual=joint(0.1))
+        bench.run(residual=joint(0.6))
+        assert bench.read("contact") == 1.0
+    bench.run(12, residual=joint(0.1))
+    assert bench.read("contact") == 0.0
+
+
+def test_no_release_time_releases_in_one_cycle():
+    bench = detector(release_time=0.0)
+    bench.run(residual=joint(2.0))
+    bench.set(residual=joint(0.0))
+    bench.run()
+    assert bench.read("contact") == 0.0
+
+
+def test_noise_raises_the_threshold_to_its_multiple():
+    """Never below the given threshold, and joint by joint."""
+    noise = joint(0.5)
+    bench = detector(threshold=1.0, noise=list(noise), noise_multiple=6.0)
+    bench.set(residual=joint(2.9))
+    assert bench.read("contact") == 0.0
+    bench.set(residual=joint(3.0))
+    assert bench.read("contact") == 1.0
+    bench.set(residual=joint(1.0, index=0))
+    assert bench.read("contact") == 1.0
+
+
+def test_measured_noise_gives_no_false_contact():
+    """Six standard deviations of the measured noise: silent over 20000 samples that a bare threshold would not pass."""
+    rng = np.random.default_rng(0)
+    sigma = np.linspace(0.1, 0.7, 7)
+    noise = residual_noise(rng.normal(size=(5000, 7)) * sigma)
+    np.testing.assert_allclose(noise, sigma, rtol=0.05)
+    samples = rng.normal(size=(20000, 7)) * sigma
+    quiet, eager = detector(noise=list(noise)), detector()
+    for scale, bench, contact in ((sigma, quiet, 0.0), (np.ones(7), eager, 1.0)):
+        bench.set(residual=samples[np.argmax(np.max(np.abs(samples) / scale, axis=1))])
+        assert bench.read("contact") == contact
+
+
+def test_lost_residual_is_no_proof_that_nobody_touches():
+    """NaN counts as contact: an element of safety fails to the safe side."""
+    bench = detector()
+    bench.set(residual=joint(np.nan))
+    assert bench.read("contact") == 1.0
+    bench.run()
+    bench.set(residual=joint(0.0))
+    assert bench.read("contact") == 1.0
+
+
+def test_clone_of_the_context_goes_on_by_itself():
+    bench = detector()
+    bench.run(residual=joint(2.0))
+    twin = bench.clone()
+    bench.run(20, residual=joint(0.0))
+    assert bench.read("contact") == 0.0
+    twin.set(residual=joint(0.0))
+    assert twin.read("contact") == 1.0
+    twin.run(20)
+    assert twin.read("contact") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("threshold", 0.0),
+        ("threshold", [1.0, np.nan]),
+        ("noise", -0.1),
+        ("noise_multiple", 0.0),
+        ("release_ratio", 0.0),
+        ("release_ratio", 1.0),
+        ("release_time", -1.0),
+        ("period", 0.0),
+    ],
+)
+def test_bad_parameters(name, value):
+    with pytest.raises(ParameterError, match=name):
+        ContactDetectorParameters(**{name: value})
+
+
+def test_threshold_of_the_wrong_size():
+    with pytest.raises(ParameterError, match="threshold: needs 1 or 7 entries"):
+        ContactDetector(7, ContactDetectorParameters(threshold=[1.0, 1.0]))
