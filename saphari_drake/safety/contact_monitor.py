@@ -134,7 +134,7 @@ class ContactMonitor(LeafSystem):
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
         terms = self._dynamics.Eval(context)
         touched = self._contact.Eval(context)[0] > 0.5
-        camera_works = CameraStatus(int(self._camera.Eval(context)[0])) in _CAMERA_WORKS
+        camera_works = self._camera.Eval(context)[0] in _CAMERA_WORKS  # NaN is not
         memory = self._with_clocks(memory, terms, camera_works)
         interaction = self._decide(memory, terms, touched, camera_works, self._point.Eval(context))
         in_mode = memory.in_mode if interaction.mode == memory.interaction.mode else 0.0
@@ -144,9 +144,7 @@ class ContactMonitor(LeafSystem):
 
     def _with_clocks(self, memory: _Memory, terms: DynamicsTerms, camera_works: bool) -> _Memory:
         period, params, now = self._params.period, self._params, memory.interaction
-        near = True
-        if now.mode == InteractionMode.RETURN:
-            near = self._latched_error(now, terms) < params.position_tolerance
+        near = now.mode == InteractionMode.RETURN and self._latched_error(now, terms) < params.position_tolerance
         slow = float(np.max(np.abs(terms.v))) < params.velocity_tolerance
         return replace(
             memory,
