@@ -1,7 +1,5 @@
 """A person touches the arm: felt, found and answered by an impedance at the contact (Section 7, Fig. 12 and 13)."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path

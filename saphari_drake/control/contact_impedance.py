@@ -1,7 +1,5 @@
 """Impedance control of a contact anywhere on the arm, eq. (52)–(57) and (61)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -247,7 +245,7 @@ class ContactImpedanceController(LeafSystem):
         self._gains = ImpedanceGains(
             np.diag(diagonal(params.K_p, 3, "K_p")),
             np.diag(diagonal(params.K_d, 3, "K_d")),
-            np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else None,
+            np.asarray(np.linalg.inv(positive_definite(params.M_d, 3, "M_d")), dtype=float) if len(params.M_d) else None,
             diagonal(params.K_N, n, "K_N"),
             params.misfit_lever,
             params.max_effective_mass,

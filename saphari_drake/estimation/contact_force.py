@@ -1,7 +1,5 @@
 """Contact force from the residual at a known contact point, with what cannot be observed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

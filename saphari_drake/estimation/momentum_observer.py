@@ -1,7 +1,5 @@
 """Momentum observer: the external joint torque from position, velocity and commanded torque alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

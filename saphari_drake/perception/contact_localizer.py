@@ -21,7 +21,7 @@ from saphari_drake.perception.localization import (
     background_depth,
 )
 from saphari_drake.perception.rgbd_camera import CameraParameters
-from saphari_drake.port_values import CameraStatus, ContactPoint
+from saphari_drake.port_values import CameraStatus, ContactPoint, Immutable
 from saphari_drake.robots.model import RobotModel
 
 __all__ = ["ContactLocalizer", "ContactVision", "LocalizerParameters", "background_depth"]
@@ -30,7 +30,7 @@ _NOBODY = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
-class _Memory:
+class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
     times: Array  # (k,) s, of the postures below, oldest first
@@ -42,9 +42,6 @@ class _Memory:
     other_link: int = -1  # link that the last frames showed instead of the contact's
     other_count: int = 0  # and how many
     human_points: Array = field(default_factory=lambda: _NOBODY)
-
-    def __deepcopy__(self, memo: dict) -> _Memory:
-        return self
 
 
 class ContactLocalizer(LeafSystem):

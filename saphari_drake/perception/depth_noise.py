@@ -1,7 +1,5 @@
 """What a structured-light camera does to a depth image, and the frames it delivers: noise, rate, latency, faults."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +13,7 @@ from saphari_drake.leaf import CYCLE_OFFSET
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 from saphari_drake.perception.depth_noise_kernels import noisy_image
 from saphari_drake.perception.rgbd_camera import CameraParameters
+from saphari_drake.port_values import Immutable
 
 Depth = NDArray[np.float32]
 
@@ -129,15 +128,12 @@ class _Frame:
 
 
 @dataclass(frozen=True)
-class _Frames:
+class _Frames(Immutable):
     """Number of frames taken so far, those on their way, and the one delivered last. Never changed, so never copied."""
 
     count: int
     pending: tuple[_Frame, ...]
     delivered: _Frame
-
-    def __deepcopy__(self, memo: dict) -> _Frames:
-        return self
 
 
 class DepthCameraSampler(LeafSystem):

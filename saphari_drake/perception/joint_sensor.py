@@ -1,7 +1,5 @@
 """Joint positions and velocities as encoders give them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

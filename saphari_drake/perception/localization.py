@@ -1,7 +1,5 @@
 """Where a person touches a robot, from one depth image and the posture of the robot when it was taken."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

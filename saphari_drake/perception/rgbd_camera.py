@@ -1,7 +1,5 @@
 """A fixed depth camera: its parameters and pose, the check that it can render, and how it enters a Diagram."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import subprocess

@@ -1,7 +1,5 @@
 """Contact detection from the size of the residual."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

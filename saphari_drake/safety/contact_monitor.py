@@ -1,7 +1,5 @@
 """Decides what a contact means: hold, answer at a known point, return, yield, or stop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

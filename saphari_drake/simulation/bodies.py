@@ -1,7 +1,5 @@
 """Bodies of the surroundings, added to the plant as real bodies with compliant contact."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cell: robot, hand and floor as one discrete plant with its scene graph."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

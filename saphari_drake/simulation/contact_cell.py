@@ -1,7 +1,5 @@
 """The cell of Section 7 as one diagram: robot, pushing hand, depth camera and the contact pipeline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

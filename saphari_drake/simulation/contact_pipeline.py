@@ -1,7 +1,5 @@
 """From joint state and depth image to an answered contact: the systems of Section 7, wired."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

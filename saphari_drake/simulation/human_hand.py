@@ -1,7 +1,5 @@
 """A person's hand that reaches for points of the robot and pushes, as a mechanical impedance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -161,7 +159,7 @@ class HumanHand(LeafSystem):
             raise ParameterError("pushes", "needs at least one push")
         self._robot, self._params, self._pushes = robot, params, tuple(pushes)
         self._profile = force_profile
-        self._stretch = 1.0 / params.stiffness + 1.0 / robot_stiffness  # m/N of the person's aim, in a balance of forces
+        self._stretch = 1.0 / params.stiffness + 1.0 / robot_stiffness  # m/N, how far the person aims
         self._slice = slice(velocity_start, velocity_start + 6)
         self._num_velocities = num_velocities
         self._hand = self.DeclareVectorInputPort("hand_state", BasicVector(13))

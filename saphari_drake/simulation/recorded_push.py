@@ -1,7 +1,5 @@
 """A recorded force as the push of a hand that can press, but not pull."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
