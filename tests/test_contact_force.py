@@ -84,6 +84,22 @@ def test_never_larger_than_the_truncation_allows(lwr4, link):
         assert np.linalg.norm(F_W) <= np.linalg.norm(r) / (RCOND * largest) * (1 + 1e-9)
 
 
+@pytest.mark.parametrize(("smallest", "rank"), [(1.01 * RCOND, 3), (0.99 * RCOND, 2), (0.0, 2)])
+def test_nearly_unobservable_direction_is_left_out(smallest, rank):
+    """Just below the truncation, a torque of 1 Nm would make a force of 50 N; it makes none, and is reported."""
+    rng = np.random.default_rng(0)
+    U, V = (np.linalg.qr(rng.normal(size=(n, n)))[0] for n in (3, 7))
+    J = U @ np.diag([1.0, 0.5, smallest]) @ V[:, :3].T
+    estimate = estimate_contact_force(J, V[:, 2], RCOND)
+    assert estimate.rank == rank
+    if rank == 3:
+        np.testing.assert_allclose(estimate.F_W, U[:, 2] / smallest)
+    else:
+        np.testing.assert_allclose(estimate.F_W, 0.0, atol=1e-12)
+        assert abs(estimate.unobservable[:, 0] @ U[:, 2]) == pytest.approx(1.0)
+        np.testing.assert_allclose(estimate.misfit, V[:, 2], atol=1e-12)
+
+
 def test_misfit_is_what_no_force_at_the_point_explains(lwr4):
     """misfit = r − JᵀF̂ is the least residual of all forces."""
     rng = np.random.default_rng(5)
