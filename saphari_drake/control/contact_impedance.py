@@ -242,10 +242,10 @@ class ContactImpedanceController(LeafSystem):
         )
 
     def _read_gains(self, n: int, params: ContactImpedanceParameters) -> None:
-        self._gains = ImpedanceGains(
+        self.gains = ImpedanceGains(
             np.diag(diagonal(params.K_p, 3, "K_p")),
             np.diag(diagonal(params.K_d, 3, "K_d")),
-            np.asarray(np.linalg.inv(positive_definite(params.M_d, 3, "M_d")), dtype=float) if len(params.M_d) else None,
+            np.array(np.linalg.inv(positive_definite(params.M_d, 3, "M_d"))) if len(params.M_d) else None,
             diagonal(params.K_N, n, "K_N"),
             params.misfit_lever,
             params.max_effective_mass,
@@ -267,7 +267,7 @@ class ContactImpedanceController(LeafSystem):
             p_desired = point_position(self._robot, interaction.q_latched, link, p_LC)
             error, p_WC = p_desired - point.p_WC, point.p_WC
             F, misfit = self._force.Eval(context), self._misfit.Eval(context)
-            parts = contact_impedance_torque(terms, point, p_desired, F, misfit, self._gains)
+            parts = contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
         elif law[0] == "hold":
             parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
         else:

@@ -1,0 +1,326 @@
+"""Force control of a contact anywhere on the arm, eq. (58)–(60) and (62)."""
+
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque, posture_torque
+from saphari_drake.control.force_gate import ForceGate
+from saphari_drake.control.torque_limits import limit_torque
+from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import cycle, declare_cache, declare_readouts
+from saphari_drake.math.inverses import consistent_inverse
+from saphari_drake.parameters import (
+    diagonal,
+    positive_definite,
+    require_choice,
+    require_non_negative,
+    require_positive,
+)
+from saphari_drake.port_values import ContactPoint, ForceStatus, Immutable, Interaction, InteractionMode
+from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ContactForceControlParameters:
+    """Force at the contact, and the behaviour without one. Gains: the deliverable, unless marked."""
+
+    # "aligned": the desired force points along the estimated one, so that the person always resists it; "fixed": it
+    # points in a fixed direction of the world, and the robot drifts where nobody resists.
+    direction: Literal["aligned", "fixed"] = "aligned"
+    # N; size of the aligned desired force.
+    desired_force: float = 15.0
+    # N; the fixed desired force in the world.
+    fixed_force: list[float] = field(default_factory=lambda: [0.0, 15.0, 0.0])
+    # Gain on the force error along the world's axes; one value or three.
+    K_f: list[float] | float = 4.1
+    # Ns/m, damping at the contact along the world's axes; one value or three.
+    K_d: list[float] | float = 10.5
+    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57). Chosen equal in all directions, so
+    # that the contact moves along the force error; the deliverable does not give it. A.
+    M_d: list[float] = field(default_factory=lambda: [10.0, 10.0, 10.0])
+    # 1/s, damping of self-motion; one value or one a joint.
+    K_N: list[float] | float = 15.0
+    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. A.
+    gate_on: float = 3.0
+    gate_off: float = 1.5
+    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
+    force_rate: float = 20.0
+    # m/s; the contact point never moves faster: a speed that would reach it within the next `stop_lead` seconds stops
+    # the robot until it is released. ISO 10218 limits manual guidance to the same.
+    speed_limit: float = 0.25
+    stop_lead: float = 0.015
+    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
+    misfit_lever: float = 0.03
+    # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
+    hold_stiffness: list[float] | float = 225.0
+    # 1/s, damping over inertia of the held posture, and while braking. A.
+    hold_damping: list[float] | float = 30.0
+    # 1/s, damping over inertia while yielding, or without a camera. A.
+    yield_damping: list[float] | float = 10.0
+    # s, time constant with which the torque of the law that was left fades; the second holds while braking. A.
+    transition_time: float = 0.1
+    brake_time: float = 0.01
+    # kg, bound of the effective mass near singular directions of the contact. A.
+    max_effective_mass: float = 50.0
+    # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        require_choice(self, "direction", ("aligned", "fixed"))
+        for name in ("K_f", "K_d"):
+            diagonal(getattr(self, name), 3, name)
+        for name in ("K_N", "hold_stiffness", "hold_damping", "yield_damping"):
+            value = getattr(self, name)
+            diagonal(value, np.size(value), name)
+        if len(self.M_d):
+            positive_definite(self.M_d, 3, "M_d")
+        if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
+            raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
+        require_positive(self, "desired_force", "gate_on", "gate_off", "speed_limit", "stop_lead")
+        require_positive(self, "transition_time", "brake_time", "max_effective_mass", "period")
+        require_non_negative(self, "force_rate", "misfit_lever", "hand_stiffness", "hand_damping")
+        if self.gate_off >= self.gate_on:
+            raise ParameterError("gate_off", f"must be below gate_on, {self.gate_on} N, got {self.gate_off}")
+
+
+class ForceGains(NamedTuple):
+    """Gains of the law as arrays."""
+
+    K_f: Array  # (3, 3)
+    K_d: Array  # (3, 3) Ns/m
+    M_d_inv: Array | None  # (3, 3) 1/kg, None for the natural inertia
+    K_N: Array  # (n,) 1/s
+    misfit_lever: float  # m
+    max_effective_mass: float  # kg
+
+
+def contact_force_torque(
+    terms: DynamicsTerms, point: PointKinematics, F: Array, F_d: Array, misfit: Array, gains: ForceGains
+) -> tuple[TorqueTerms, Array]:
+    """Return the torque of the force control, eq. (62) with the misfit compensated, and the commanded ẍ_c (3,).
+
+    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ = K_f (F − F_d), and self-motion damped by K_N. The contact
+    comes to rest at F = F_d if the person resists like a spring; under a constant force it goes on with
+    K_f (F − F_d)/K_d, and so it does along every direction in which F_d asks for a force that nobody gives.
+
+    Corrected: the force error is F̂ − F_d (printed F_d − F̂, with F the force *on* the robot, a positive feedback), and
+    the null-space projector is P_c = I − J_{c,M}^# J_c (printed P). Along directions in which the point cannot move,
+    Jᵀu = 0: they get no torque.
+
+    Parameters
+    ----------
+    terms, point :
+        Dynamics, and kinematics of the contact point.
+    F, F_d : (3,) arrays
+        Estimated and desired force of the person on the robot (N, world).
+    misfit : (n,) array
+        r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
+    gains :
+        Gains; see `ForceGains`.
+    """
+    J = point.Jv_WC
+    Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
+    wanted = gains.K_f @ (F - F_d) - gains.K_d @ point.v_WC
+    if gains.M_d_inv is None:
+        M_inv_JT = np.linalg.solve(terms.M, J.T)
+        acceleration, force = J @ (M_inv_JT @ wanted), wanted
+    else:
+        acceleration = gains.M_d_inv @ wanted
+        force = Lambda @ acceleration
+    return (
+        TorqueTerms(
+            J.T @ (force - Lambda @ point.Jdotv_WC),
+            -J.T @ F,
+            misfit_torque(misfit, F, gains.misfit_lever),
+            -terms.M @ (P_c @ (gains.K_N * terms.v)),
+            terms.Cv,
+            terms.g,
+            np.zeros(len(terms.q)),
+        ),
+        acceleration,
+    )
+
+
+def observable_part(F: Array, unobservable: Array) -> Array:
+    """Return F (3,) without its components along unit directions, the columns of `unobservable` (3, 3)."""
+    return F - unobservable @ (unobservable.T @ F)
+
+
+class _Output(NamedTuple):
+    terms: TorqueTerms
+    torque: Array
+    excess: Array
+    F_d: Array
+    error: Array
+    p_WC: Array
+    v_WC: Array
+    status: ForceStatus
+    law: Law
+    gate: ForceGate
+
+
+@dataclass(frozen=True)
+class _Memory(Immutable):
+    handover: Handover
+    gate: ForceGate
+
+
+_LAWS = {
+    ForceStatus.HOLD: "hold",
+    ForceStatus.CONTROLLED: "force",
+    ForceStatus.PARTIAL: "force",
+    ForceStatus.WEAK: "brake",
+    ForceStatus.RELEASED: "brake",
+    ForceStatus.SPEED_STOP: "brake",
+    ForceStatus.UNSEEN: "yield",
+    ForceStatus.NO_CAMERA: "yield",
+}
+
+
+class ContactForceController(LeafSystem):
+    """Keeps the force of a contact at a desired size, holds the posture without one.
+
+    .. pydrake_system::
+
+        name: ContactForceController
+        input_ports:
+        - dynamics
+        - interaction
+        - contact_force
+        - misfit
+        - unobservable_directions
+        output_ports:
+        - torque_commanded
+        - torque_excess
+        - torque_terms
+        - desired_force
+        - force_error
+        - contact_position
+        - contact_velocity
+        - force_status
+        - stop_velocity
+
+    Ports
+    -----
+    dynamics : abstract `DynamicsTerms`.
+    interaction : abstract `Interaction`, from `ContactMonitor`.
+    contact_force : 3 (N, world), from `ContactForceEstimator`.
+    misfit : n (Nm), from `ContactForceEstimator`.
+    unobservable_directions : 9, from `ContactForceEstimator`; no force is asked for along them.
+    torque_commanded : n (Nm), within the robot's limits.
+    torque_excess : n (Nm), what the limits cut off.
+    torque_terms : 7n (Nm), the parts of `TorqueTerms` one after the other.
+    desired_force : 3 (N, world), F_d, its observable part; zero while no force is controlled.
+    force_error : 3 (N, world), F̂ − F_d; zero while no force is controlled.
+    contact_position, contact_velocity : 3 (m, m/s, world), of the contact point; zero without one.
+    force_status : 1, a `ForceStatus`; says whether the force is controlled, in which directions, or why not.
+    stop_velocity : 3 (m/s, world), the velocity that the speed stop foresaw when it acted; zero without a stop.
+
+    In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
+    In hold: `posture_torque` at the latched posture. Yielding, or without a camera: damping, Coriolis and gravity
+    terms alone. A change of law makes no jump: the difference is added, and fades.
+
+    Speed stop: ‖ẋ_c + stop_lead ẍ_c‖ above the limit ends the force control in favour of braking, until the contact is
+    released. It has to look ahead: a force of 15 N that nobody resists moves a light contact at 10 m/s² and more.
+    """
+
+    def __init__(self, robot: RobotModel, params: ContactForceControlParameters | None = None) -> None:
+        super().__init__()
+        self._robot, self._params = robot, params or ContactForceControlParameters()
+        self._read_gains(robot.n, self._params)
+        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
+        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
+        self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
+        self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(robot.n))
+        self._unobservable = self.DeclareVectorInputPort("unobservable_directions", BasicVector(9))
+        zero, none = np.zeros(robot.n), np.zeros(3)
+        memory = _Memory(Handover(None, zero, zero), ForceGate())
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
+        parts = posture_torque(terms, robot.home, zero, zero)
+        start = _Output(parts, zero, zero, none, none, none, none, ForceStatus.HOLD, ("hold", 0, -1), ForceGate())
+        ports = self._dynamics, self._interaction, self._force, self._misfit, self._unobservable
+        inputs = {port.ticket() for port in ports} | {self.abstract_state_ticket(self._memory)}
+        self._output = declare_cache(self, "torque", start, self._evaluate, inputs)
+        declare_readouts(
+            self,
+            self._output,
+            {
+                "torque_commanded": (robot.n, lambda o: o.torque),
+                "torque_excess": (robot.n, lambda o: o.excess),
+                "torque_terms": (len(TorqueTerms._fields) * robot.n, lambda o: np.concatenate(o.terms)),
+                "desired_force": (3, lambda o: o.F_d),
+                "force_error": (3, lambda o: o.error),
+                "contact_position": (3, lambda o: o.p_WC),
+                "contact_velocity": (3, lambda o: o.v_WC),
+                "force_status": (1, lambda o: [float(o.status)]),
+                "stop_velocity": (3, lambda o: o.gate.stop_velocity),
+            },
+        )
+
+    def _read_gains(self, n: int, params: ContactForceControlParameters) -> None:
+        self.gains = ForceGains(
+            np.diag(diagonal(params.K_f, 3, "K_f")),
+            np.diag(diagonal(params.K_d, 3, "K_d")),
+            np.array(np.linalg.inv(positive_definite(params.M_d, 3, "M_d"))) if len(params.M_d) else None,
+            diagonal(params.K_N, n, "K_N"),
+            params.misfit_lever,
+            params.max_effective_mass,
+        )
+        self._aligned, self._fixed = params.direction == "aligned", np.array(params.fixed_force, dtype=float)
+        self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
+        self._hold_damping = diagonal(params.hold_damping, n, "hold_damping")
+        self._yield_damping = diagonal(params.yield_damping, n, "yield_damping")
+        self._fade = float(np.exp(-params.period / params.transition_time))
+        self._brake_fade = float(np.exp(-params.period / params.brake_time))
+
+    def _evaluate(self, context: Context) -> _Output:
+        terms: DynamicsTerms = self._dynamics.Eval(context)
+        interaction: Interaction = self._interaction.Eval(context)
+        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+        F, none = self._force.Eval(context), np.zeros(3)
+        gate = memory.gate.after(interaction.mode, float(np.linalg.norm(F)), self._params)
+        point, F_d, error = None, none, none
+        if interaction.mode in (InteractionMode.CONTACT, InteractionMode.RETURN):
+            point = terms.point(interaction.contact.link, interaction.contact.p_LC)
+        if point is not None and gate.open:
+            hidden = self._unobservable.Eval(context).reshape(3, 3).T
+            wanted = gate.size * F / np.linalg.norm(F) if self._aligned else self._fixed
+            F_d = observable_part(wanted, hidden)
+            parts, acceleration = contact_force_torque(
+                terms, point, F, F_d, self._misfit.Eval(context), self.gains
+            )
+            gate = gate.checked(point.v_WC + self._params.stop_lead * acceleration, self._params.speed_limit)
+            status, error = ForceStatus.PARTIAL if np.any(hidden) else ForceStatus.CONTROLLED, F - F_d
+        if not gate.open:
+            F_d, error, status = none, none, gate.status(interaction.mode)
+            if interaction.mode == InteractionMode.HOLD:
+                parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
+            else:
+                yields = status in (ForceStatus.UNSEEN, ForceStatus.NO_CAMERA)
+                damping = self._yield_damping if yields else self._hold_damping
+                parts = posture_torque(terms, terms.q, self._hold, damping)
+        law = (_LAWS[status], interaction.onset, interaction.contact.link)
+        parts = memory.handover.into(law, parts)
+        torque, excess = limit_torque(parts.total(), self._robot.tau_max)
+        p_WC, v_WC = (none, none) if point is None else (point.p_WC, point.v_WC)
+        return _Output(parts, torque, excess, F_d, error, p_WC, v_WC, status, law, gate)
+
+    def _update(self, context: Context, state: State) -> None:
+        now: _Output = self._output.Eval(context)
+        fade = self._brake_fade if now.law[0] == "brake" else self._fade
+        memory = _Memory(Handover(now.law, now.torque, fade * now.terms.transition), now.gate)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -1,0 +1,80 @@
+"""When a contact force is controlled: a gate on its size, and a stop for contacts that become too fast."""
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.port_values import ForceStatus, Immutable, InteractionMode
+
+Array = NDArray[np.float64]
+
+
+class GateParameters(Protocol):
+    """What the gate reads from the controller's parameters."""
+
+    desired_force: float
+    gate_on: float
+    gate_off: float
+    force_rate: float
+    period: float
+
+
+@dataclass(frozen=True)
+class ForceGate(Immutable):
+    """Whether the force is controlled, and how large it shall be at the moment.
+
+    Attributes
+    ----------
+    open : bool
+        Whether the force is controlled.
+    size : float
+        Size of the aligned desired force (N); 0 while closed.
+    stopped : bool
+        Whether the speed stop has acted; it holds until the contact is released.
+    stop_velocity : (3,) array
+        Velocity of the contact that it foresaw (m/s, world).
+    """
+
+    open: bool = False
+    size: float = 0.0
+    stopped: bool = False
+    stop_velocity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def after(self, mode: InteractionMode, force: float, params: GateParameters) -> Self:
+        """Return the gate of the next cycle, with the estimated force of size `force` (N).
+
+        The desired size starts from the estimate and goes to its final value at the force rate.
+        """
+        if mode in (InteractionMode.HOLD, InteractionMode.RETURN):
+            return type(self)()
+        # A force that is not a number closes the gate.
+        threshold = params.gate_off if self.open else params.gate_on
+        if mode != InteractionMode.CONTACT or self.stopped or not force > threshold:
+            return replace(self, open=False, size=0.0)
+        if params.force_rate == 0.0:
+            return replace(self, open=True, size=params.desired_force)
+        step = params.force_rate * params.period
+        size = self.size + float(np.clip(params.desired_force - self.size, -step, step)) if self.open else force
+        return replace(self, open=True, size=size)
+
+    def checked(self, velocity: Array, limit: float) -> Self:
+        """Return the gate, stopped if the foreseen velocity (3,) of the contact is not below the limit (m/s)."""
+        if np.linalg.norm(velocity) < limit:
+            return self
+        return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(velocity))
+
+    def status(self, mode: InteractionMode) -> ForceStatus:
+        """Return why no force is controlled."""
+        if mode == InteractionMode.CONTACT:
+            return ForceStatus.SPEED_STOP if self.stopped else ForceStatus.WEAK
+        return _WITHOUT_CONTACT[mode]
+
+
+_WITHOUT_CONTACT = {
+    InteractionMode.HOLD: ForceStatus.HOLD,
+    InteractionMode.RETURN: ForceStatus.RELEASED,
+    InteractionMode.YIELD: ForceStatus.UNSEEN,
+    InteractionMode.STOP: ForceStatus.NO_CAMERA,
+}
