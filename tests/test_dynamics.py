@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from arms import ARMS, TILTED, states
+from bench import Bench
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from saphari_drake.errors import StateError
+from saphari_drake.perception.joint_sensor import JointSensor
 from saphari_drake.robots.catalog import lwr4 as load_lwr4
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics, point_position
 
@@ -104,6 +106,29 @@ def test_bad_state_is_refused(lwr4, bad):
         evaluate_dynamics(lwr4, bad, np.zeros(7))
     with pytest.raises(StateError, match="velocities"):
         evaluate_dynamics(lwr4, np.zeros(7), bad)
+
+
+def test_terms_do_not_change_with_the_callers_arrays(lwr4):
+    """They are shared and kept, for example as a latched posture."""
+    q, v = next(states(lwr4, 1))
+    terms, kept = evaluate_dynamics(lwr4, q, v), q.copy()
+    q += 1.0
+    np.testing.assert_array_equal(terms.q, kept)
+
+
+def test_latched_samples_survive_the_next_one(lwr4):
+    """Terms evaluated from a sensor's held samples do not change when the samples do."""
+    builder = DiagramBuilder()
+    sensor, system = builder.AddSystem(JointSensor(lwr4)), builder.AddSystem(RobotDynamics(lwr4))
+    for name in ("position_measured", "velocity_measured"):
+        builder.Connect(sensor.GetOutputPort(name), system.GetInputPort(name))
+    builder.ExportInput(sensor.GetInputPort("state"), "state")
+    builder.ExportOutput(system.GetOutputPort("dynamics"), "dynamics")
+    bench = Bench(builder.Build(), state=np.r_[lwr4.home, np.zeros(7)])
+    terms = bench.read("dynamics")
+    bench.run(state=np.r_[lwr4.home + 0.5, np.zeros(7)])
+    np.testing.assert_allclose(terms.q, lwr4.home, atol=1e-5)
+    np.testing.assert_allclose(bench.read("dynamics").q, lwr4.home + 0.5, atol=1e-5)
 
 
 def in_diagram(robot, q, v):

@@ -235,8 +235,8 @@ class RobotModel:
     # ---- questions ----------------------------------------------------------------------------------------------
 
     def checked_vector(self, value: ArrayLike, what: str) -> Array:
-        """Return `value` as an (n,) array; raise `StateError` if it has another size or is not finite."""
-        array = np.asarray(value, dtype=float)
+        """Return `value` as a new (n,) array; raise `StateError` if it has another size or is not finite."""
+        array = np.array(value, dtype=float)
         if array.shape != (self.n,):
             raise StateError(f"{what}: {self.name} has {self.n} joints, got shape {array.shape}")
         if not np.all(np.isfinite(array)):
