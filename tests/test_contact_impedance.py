@@ -316,9 +316,7 @@ def test_return_is_the_same_law_as_contact(moving):
 
 def test_hold_pulls_to_the_latched_posture(moving, lwr4):
     bench = moving(HOLD)
-    expected = posture_torque(
-        evaluate_dynamics(lwr4, bench.q, bench.v), lwr4.home, np.full(7, 225.0), np.full(7, 30.0)
-    )
+    expected = posture_torque(evaluate_dynamics(lwr4, bench.q, bench.v), lwr4.home, np.full(7, 225.0), np.full(7, 30.0))
     np.testing.assert_allclose(bench.torque, limit_torque(expected.total(), lwr4.tau_max)[0], atol=1e-12)
     np.testing.assert_array_equal(bench.read("position_error"), 0.0)
 
