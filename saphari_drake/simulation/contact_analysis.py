@@ -16,7 +16,7 @@ from saphari_drake.simulation.log import Log
 
 Array = NDArray[np.float64]
 STEADY = 0.3  # s before the release that count as steady
-BAND = 0.02  # a return is over when the deflection stays within this share of that at the release
+BAND = 0.02  # a return is over when the deflection stays within this share of the steady one before the release
 
 
 @dataclass(frozen=True)
@@ -124,12 +124,16 @@ def deflection_error(log: Log, robot: RobotModel, touch: Touch, K_p: Array) -> f
 
 
 def return_time(log: Log, robot: RobotModel, touch: Touch) -> float:
-    """Return the time from the release until the deflection along the push stays within 2 % (s); NaN if never."""
+    """Return the time from the release until the deflection along the push stays within 2 % of the steady one (s).
+
+    NaN if it never does.
+    """
     rows = np.arange(touch.release, touch.end + 1)
     direction = np.asarray(touch.push.direction) / np.linalg.norm(touch.push.direction)
     along = deflection(log, robot, touch, rows) @ direction
-    outside = np.flatnonzero(np.abs(along) > BAND * abs(along[0]))
-    if outside[-1] == len(rows) - 1:
+    pushed = float((deflection(log, robot, touch, steady(log, touch)) @ direction).mean())
+    outside = np.flatnonzero(np.abs(along) > BAND * abs(pushed))
+    if len(outside) == 0 or outside[-1] == len(rows) - 1:
         return float("nan")
     return float(log.time[rows[outside[-1]]] - log.time[touch.release])
 
