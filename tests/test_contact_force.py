@@ -160,3 +160,15 @@ def test_ports_with_a_contact_point(bench):
 def test_bad_truncation(bad):
     with pytest.raises(ParameterError, match="rcond"):
         ContactForceParameters(rcond=bad)
+
+
+def test_a_force_with_hardly_a_lever_arm_is_not_estimated():
+    """On link 1 near its axis, a residual of 1 Nm is no force of thousands of newtons, whatever the ratio is."""
+    J = np.zeros((3, 7))
+    J[1, 0] = 0.005
+    r = np.eye(7)[0]
+    assert estimate_contact_force(J, r, RCOND).rank == 1
+    estimate = estimate_contact_force(J, r, RCOND, ContactForceParameters().least_lever)
+    assert estimate.rank == 0
+    np.testing.assert_array_equal(estimate.F_W, 0.0)
+    np.testing.assert_array_equal(estimate.misfit, r)

@@ -338,3 +338,31 @@ def test_no_collision_geometry(tmp_path):
     robot = two_links(tmp_path)
     with pytest.raises(ModelError, match="no collision geometry"):
         _ = robot.shapes
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "words"),
+    [("-1", "1 1 1", "mass -1"), ("1", "1 1 3", "no body has"), ("1", "1 1 -1", "no body has")],
+)
+@pytest.mark.parametrize("form", ["urdf", "sdf"])
+def test_an_unphysical_inertia_is_refused_not_replaced(tmp_path, form, mass, moments, words):
+    """Negative mass, negative moment and the triangle inequality; Drake would go on with a ball of water."""
+    xx, yy, zz = moments.split()
+    if form == "urdf":
+        inertial = f"<mass value='{mass}'/><inertia ixx='{xx}' iyy='{yy}' izz='{zz}' ixy='0' ixz='0' iyz='0'/>"
+        text = (
+            f"<robot name='r'><link name='base'/><link name='arm'><inertial>{inertial}</inertial></link>"
+            "<joint name='j' type='revolute'><parent link='base'/><child link='arm'/><axis xyz='0 0 1'/>"
+            "<limit lower='-1' upper='1' velocity='1' effort='10'/></joint></robot>"
+        )
+    else:
+        inertial = f"<mass>{mass}</mass><inertia><ixx>{xx}</ixx><iyy>{yy}</iyy><izz>{zz}</izz></inertia>"
+        text = (
+            f"<sdf version='1.9'><model name='r'><link name='base'/><link name='arm'><inertial>{inertial}</inertial>"
+            "</link><joint name='j' type='revolute'><parent>base</parent><child>arm</child><axis><xyz>0 0 1</xyz>"
+            "<limit><effort>10</effort></limit></axis></joint></model></sdf>"
+        )
+    path = tmp_path / f"robot.{form}"
+    path.write_text(text)
+    with pytest.raises(ModelError, match=f"'?arm.*{words}|{words}"):
+        RobotModel(path)

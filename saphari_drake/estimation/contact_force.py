@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import declare_cache, declare_readouts
+from saphari_drake.parameters import require_positive
 from saphari_drake.port_values import ContactPoint
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -21,12 +22,15 @@ Array = NDArray[np.float64]
 class ContactForceParameters:
     """Truncation of the least squares."""
 
-    # Singular values of J_c below this share of the largest count as zero.
+    # Singular values of J_c below this share of the largest count as zero,
     rcond: float = 0.02
+    # and those below this (m): a force with so short a lever arm is lost in the noise of the residual.
+    least_lever: float = 0.02
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
+        require_positive(self, "least_lever")
 
 
 class ContactForce(NamedTuple):
@@ -38,7 +42,7 @@ class ContactForce(NamedTuple):
     misfit: Array  # (n,) r − J_cᵀF, Nm
 
 
-def estimate_contact_force(J: Array, r: Array, rcond: float) -> ContactForce:
+def estimate_contact_force(J: Array, r: Array, rcond: float, least_lever: float = 1.0e-9) -> ContactForce:
     """Return F̂ = (J_cᵀ)^# r, eq. (51), by truncated least squares.
 
     The printed pseudo-inverse has no bound where J_c loses rank: points of the LWR4's link 3 move on a sphere round
@@ -52,9 +56,11 @@ def estimate_contact_force(J: Array, r: Array, rcond: float) -> ContactForce:
         Residual, r ≈ J_cᵀF (Nm).
     rcond : float
         Relative size below which a singular value counts as zero.
+    least_lever : float
+        Absolute size below which it does (m).
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    rank = int(np.count_nonzero(s > max(rcond * s[0], 1e-9)))
+    rank = int(np.count_nonzero(s > max(rcond * s[0], least_lever)))
     F_W = U[:, :rank] @ ((Vt[:rank] @ r) / s[:rank])
     unobservable = np.zeros((3, 3))
     unobservable[:, : 3 - rank] = U[:, rank:]
@@ -116,4 +122,4 @@ class ContactForceEstimator(LeafSystem):
         if not point.found:
             return ContactForce(np.zeros(3), 0, np.eye(3), np.array(r))
         J = self._dynamics.Eval(context).point(point.link, point.p_LC).Jv_WC
-        return estimate_contact_force(J, r, self._params.rcond)
+        return estimate_contact_force(J, r, self._params.rcond, self._params.least_lever)

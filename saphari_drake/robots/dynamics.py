@@ -60,9 +60,7 @@ class DynamicsTerms(Immutable):
 
     def point(self, link: int, p_LC: Array) -> PointKinematics:
         """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
-        return PointKinematics(
-            *point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC)
-        )
+        return PointKinematics(*point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC))
 
 
 def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> DynamicsTerms:
@@ -76,9 +74,7 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
     q, v = robot.checked_vector(q, "positions"), robot.checked_vector(v, "velocities")
     t = robot.tree
     R_WL, p_WL, S, V, A = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
-    M, Cv, CTv, g, p = tree_dynamics(
-        t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, R_WL, p_WL, S, V, A, v
-    )
+    M, Cv, CTv, g, p = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, R_WL, p_WL, S, V, A, v)
     return DynamicsTerms(q, v, M, Cv, CTv, g, p, R_WL, p_WL, S, V, A, t.parent)
 
 

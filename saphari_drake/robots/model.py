@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,30 +11,14 @@ from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
-from saphari_drake.math.tree import PRISMATIC, REVOLUTE, tree_dynamics, tree_kinematics
+from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
+from saphari_drake.robots.tree_reader import read_tree
 
 Array = NDArray[np.float64]
-
-
-class Tree(NamedTuple):
-    """Constants of a tree of one-degree-of-freedom joints, as `saphari_drake.math.tree` takes them."""
-
-    parent: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    axis: Array
-    R_PF: Array
-    p_PF: Array
-    R_ML: Array
-    p_ML: Array
-    mass: Array
-    com: Array
-    inertia: Array
-    armature: Array
-    gravity: Array
 
 
 class RobotModel:
@@ -93,7 +75,8 @@ class RobotModel:
         instance = self.add_to(plant)
         plant.Finalize()
         self.name = plant.GetModelInstanceName(instance)
-        self._read_tree(plant, instance)
+        self.tree, self.joint_names, self.link_names, self._frames = read_tree(plant, instance, self.path)
+        self.n = len(self.joint_names)
         self._read_limits(plant, instance)
         self.home = self._checked_home(plant, home)
         self._shapes: LinkShapes | None = None
@@ -109,6 +92,7 @@ class RobotModel:
             instances = parser.AddModels(str(self.path))
         except RuntimeError as error:
             raise ModelError(f"{self.path}: {error}") from error
+        require_physical_inertias(self.path)
         if len(instances) != 1:
             raise ModelError(f"{self.path}: holds {len(instances)} models; one is needed")
         (instance,) = instances
@@ -139,7 +123,7 @@ class RobotModel:
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
         moving = [joint for joint in joints if joint.num_velocities() == 1]
         limits = self._given_effort_limits([joint.name() for joint in moving])
-        in_file = _urdf_efforts(self.path)
+        in_file = urdf_effort_limits(self.path)
         missing = []
         for joint in moving:
             name = joint.name()
@@ -166,56 +150,6 @@ class RobotModel:
         if values.shape != (len(joints),):
             raise ModelError(f"effort_limits: needs {len(joints)} entries ({', '.join(joints)}), got {values.shape}")
         return dict(zip(joints, values.tolist()))
-
-    def _read_tree(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-        context = plant.CreateDefaultContext()
-        joints = _joints_in_order(plant, instance, self.path)
-        if not joints:
-            raise ModelError(f"{self.path}: has no revolute or prismatic joint")
-        self.n = len(joints)
-        self.joint_names = tuple(joint.name() for joint in joints)
-        link_bodies = [joint.child_body() for joint in joints]
-        self.link_names = tuple(body.name() for body in link_bodies)
-        link_of = {body.index(): j for j, body in enumerate(link_bodies)}
-        self._frames: dict[str, tuple[int, RigidTransform]] = {}
-        mass, com, inertia = np.zeros(self.n), np.zeros((self.n, 3)), np.zeros((self.n, 3, 3))
-        for root in [None, *link_bodies]:
-            body = plant.world_body() if root is None else root
-            for welded in plant.GetBodiesWeldedTo(body):
-                link_of.setdefault(welded.index(), -1 if root is None else link_of[body.index()])
-        for j, body in enumerate(link_bodies):
-            mass[j], com[j], inertia[j] = _lumped_inertia(plant, context, body)
-        parent = np.array([link_of[joint.parent_body().index()] for joint in joints], dtype=np.int64)
-        R_PF, p_PF = np.empty((self.n, 3, 3)), np.empty((self.n, 3))
-        R_ML, p_ML = np.empty((self.n, 3, 3)), np.empty((self.n, 3))
-        for j, joint in enumerate(joints):
-            parent_frame = link_bodies[parent[j]].body_frame() if parent[j] >= 0 else plant.world_frame()
-            X_PF = joint.frame_on_parent().CalcPose(context, parent_frame)
-            X_ML = link_bodies[j].body_frame().CalcPose(context, joint.frame_on_child())
-            R_PF[j], p_PF[j] = X_PF.rotation().matrix(), X_PF.translation()
-            R_ML[j], p_ML[j] = X_ML.rotation().matrix(), X_ML.translation()
-        axis = np.array([_axis(joint) for joint in joints])
-        kind = np.array([REVOLUTE if isinstance(joint, RevoluteJoint) else PRISMATIC for joint in joints])
-        armature = np.array([_reflected_inertia(plant, joint) for joint in joints])
-        gravity = plant.gravity_field().gravity_vector()
-        self.tree = Tree(
-            parent, kind, axis, R_PF, p_PF, R_ML, p_ML, mass, com, inertia, armature, np.array(gravity, dtype=float)
-        )
-        self._require_inertia(np.array(plant.GetPositions(context)))
-        for index in plant.GetFrameIndices(instance):
-            frame = plant.get_frame(index)
-            link = link_of[frame.body().index()]
-            base = link_bodies[link].body_frame() if link >= 0 else plant.world_frame()
-            self._frames[frame.name()] = (link, frame.CalcPose(context, base))
-
-    def _require_inertia(self, q: Array) -> None:
-        """Every joint must move some inertia, on its own link or farther out, or M has no inverse."""
-        t, v = self.tree, np.zeros(self.n)
-        kinematics = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
-        M = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, *kinematics, v)[0]
-        lacking = [self.link_names[j] for j in range(self.n) if M[j, j] < 1e-12]
-        if lacking:
-            raise ModelError(f"{self.path}: no mass or inertia (inertial element) on moving link {', '.join(lacking)}")
 
     def _read_limits(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         joints = [plant.GetJointByName(name, instance) for name in self.joint_names]
@@ -275,45 +209,3 @@ class RobotModel:
             if self._shapes.count == 0:
                 raise ModelError(f"{self.path}: no collision geometry on any link")
         return self._shapes
-
-
-def _joints_in_order(plant: MultibodyPlant, instance: ModelInstanceIndex, path: Path) -> list:
-    """Moving joints in the order of the plant's positions, which puts parents first."""
-    joints = [plant.get_joint(JointIndex(i)) for i in plant.GetJointIndices(instance)]
-    joints = [joint for joint in joints if joint.num_velocities() > 0 or not isinstance(joint, WeldJoint)]
-    for joint in joints:
-        if not isinstance(joint, (RevoluteJoint, PrismaticJoint)):
-            raise ModelError(f"{path}: joint '{joint.name()}' is {joint.type_name()}; only revolute and prismatic work")
-    return sorted(joints, key=lambda joint: joint.position_start())
-
-
-def _axis(joint: RevoluteJoint | PrismaticJoint) -> Array:
-    axis = joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()
-    return np.array(axis, dtype=float)
-
-
-def _lumped_inertia(plant: MultibodyPlant, context, link) -> tuple[float, Array, Array]:
-    """Mass, centre of mass and central inertia of a link with the bodies welded to it, in the link frame."""
-    bodies = [body.index() for body in plant.GetBodiesWeldedTo(link)]
-    mass = sum(plant.get_body(index).get_mass(context) for index in bodies)
-    if mass <= 0.0:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    inertia = plant.CalcSpatialInertia(context, link.body_frame(), bodies)
-    about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
-    return inertia.get_mass(), np.array(inertia.get_com()), np.array(about_com.CopyToFullMatrix3())
-
-
-def _reflected_inertia(plant: MultibodyPlant, joint) -> float:
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(index)
-        if actuator.joint().index() == joint.index():
-            return float(actuator.default_rotor_inertia() * actuator.default_gear_ratio() ** 2)
-    return 0.0
-
-
-def _urdf_efforts(path: Path) -> dict[str, float]:
-    """Effort limits of a URDF's joints; Drake keeps them only where there is a transmission."""
-    if path.suffix.lower() not in (".urdf", ".xml"):
-        return {}
-    limits = ((joint.get("name", ""), joint.find("limit")) for joint in ElementTree.parse(path).getroot().iter("joint"))
-    return {name: float(limit.get("effort", "inf")) for name, limit in limits if limit is not None}
