@@ -22,7 +22,7 @@ def axis_rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64
     """Return the rotation by `angle` (rad) about the unit vector `axis` (Rodrigues)."""
     s, c = np.sin(angle), np.cos(angle)
     K = skew(axis)
-    return np.eye(3) + s * K + (1.0 - c) * (K @ K)
+    return c * np.eye(3) + s * K + (1.0 - c) * np.outer(axis, axis)
 
 
 def rotation_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+# Products are written out: numba's own call BLAS through SciPy, and are slower at this size.
+
 REVOLUTE = 0
 PRISMATIC = 1
 
@@ -27,6 +29,29 @@ def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def _times(A, B, out):
+    """Product of two 3×3 matrices."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@njit(cache=True)
+def _apply(A, x, out):
+    """Product of a 3×3 matrix and a vector."""
+    for i in range(3):
+        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
+
+
+@njit(cache=True)
+def _dot(a, b):
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
 
 
 @njit(cache=True)
@@ -91,32 +116,41 @@ def tree_kinematics(parent, kind, axis, R_PF, p_PF, R_ML, p_ML, q, v):
     V = np.zeros((n, 6))
     A = np.zeros((n, 6))
     VxS = np.empty(6)
-    K = np.zeros((3, 3))
+    R_FM, R_WF, R_WM = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    p_WF, moved, a = np.empty(3), np.empty(3), np.empty(3)
     for j in range(n):
         k = parent[j]
         if k < 0:
-            R_WF = R_PF[j].copy()
-            p_WF = p_PF[j].copy()
+            R_WF[:] = R_PF[j]
+            p_WF[:] = p_PF[j]
         else:
-            R_WF = R_WL[k] @ R_PF[j]
-            p_WF = p_WL[k] + R_WL[k] @ p_PF[j]
-        a = R_WF @ axis[j]
+            _times(R_WL[k], R_PF[j], R_WF)
+            _apply(R_WL[k], p_PF[j], p_WF)
+            p_WF += p_WL[k]
+        u = axis[j]
+        _apply(R_WF, u, a)
         if kind[j] == REVOLUTE:
-            u = axis[j]
             s, c = np.sin(q[j]), np.cos(q[j])
-            K[0, 1], K[0, 2] = -u[2], u[1]
-            K[1, 0], K[1, 2] = u[2], -u[0]
-            K[2, 0], K[2, 1] = -u[1], u[0]
-            R_WM = R_WF @ (np.eye(3) + s * K + (1.0 - c) * (K @ K))
-            p_WM = p_WF
+            for i in range(3):
+                for l in range(3):
+                    R_FM[i, l] = (1.0 - c) * u[i] * u[l]
+                R_FM[i, i] += c
+            R_FM[0, 1] -= s * u[2]
+            R_FM[0, 2] += s * u[1]
+            R_FM[1, 0] += s * u[2]
+            R_FM[1, 2] -= s * u[0]
+            R_FM[2, 0] -= s * u[1]
+            R_FM[2, 1] += s * u[0]
+            _times(R_WF, R_FM, R_WM)
             S[j, :3] = a
             _cross(p_WF, a, S[j, 3:])
         else:
-            R_WM = R_WF
-            p_WM = p_WF + q[j] * a
+            R_WM[:] = R_WF
+            p_WF += q[j] * a
             S[j, 3:] = a
-        R_WL[j] = R_WM @ R_ML[j]
-        p_WL[j] = p_WM + R_WM @ p_ML[j]
+        _times(R_WM, R_ML[j], R_WL[j])
+        _apply(R_WM, p_ML[j], moved)
+        p_WL[j] = p_WF + moved
         if k >= 0:
             V[j] = V[k]
             A[j] = A[k]
@@ -151,9 +185,13 @@ def tree_dynamics(parent, mass, com, inertia, armature, gravity, R_WL, p_WL, S, 
     H = np.empty((n, 6))
     F = np.empty((n, 6))
     a6 = np.empty(6)
+    c = np.empty(3)
+    RI, I = np.empty((3, 3)), np.empty((3, 3))
     for j in range(n):
-        c = p_WL[j] + R_WL[j] @ com[j]
-        I = R_WL[j] @ inertia[j] @ R_WL[j].T
+        _apply(R_WL[j], com[j], c)
+        c += p_WL[j]
+        _times(R_WL[j], inertia[j], RI)
+        _times(RI, R_WL[j].T, I)
         cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
         for a in range(3):
             mc[j, a] = m[j] * c[a]
@@ -174,19 +212,19 @@ def tree_dynamics(parent, mass, com, inertia, armature, gravity, R_WL, p_WL, S, 
     moment = np.empty(3)
     for j in range(n - 1, -1, -1):
         k = parent[j]
-        p[j] = np.dot(S[j], H[j]) + armature[j] * v[j]
-        Cv[j] = np.dot(S[j], F[j])
+        p[j] = _dot(S[j], H[j]) + armature[j] * v[j]
+        Cv[j] = _dot(S[j], F[j])
         if k >= 0:
             _motion_cross(V[k], S[j], VxS)
-            CTv[j] = np.dot(VxS, H[j])
+            CTv[j] = _dot(VxS, H[j])
         else:
             CTv[j] = 0.0
         _cross(mc[j], gravity, moment)
-        g[j] = -(np.dot(S[j, :3], moment) + m[j] * np.dot(S[j, 3:], gravity))
+        g[j] = -(_dot(S[j, :3], moment) + m[j] * _dot(S[j, 3:], gravity))
         _inertia_times(m[j], mc[j], I_O[j], S[j], Ic)
         i = j
         while i >= 0:
-            M[i, j] = np.dot(S[i], Ic)
+            M[i, j] = _dot(S[i], Ic)
             M[j, i] = M[i, j]
             i = parent[i]
         M[j, j] += armature[j]
@@ -218,7 +256,9 @@ def point_kinematics(parent, S, V, A, R_WL, p_WL, link, p_LC):
     n = S.shape[0]
     J = np.zeros((3, n))
     a = np.empty(3)
-    p_WC = p_WL[link] + R_WL[link] @ p_LC
+    p_WC = np.empty(3)
+    _apply(R_WL[link], p_LC, p_WC)
+    p_WC += p_WL[link]
     j = link
     while j >= 0:
         _cross(S[j, :3], p_WC, a)
