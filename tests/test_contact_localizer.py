@@ -122,7 +122,10 @@ def localize_twin(shapes, camera, params, depth, background, R_WL, p_WL):
         return min(found, key=lambda entry: entry[0])[1:]
 
     surface, normal = on_link(mean)
-    surface, _ = on_link(surface + params.half_thickness * (ray - (ray @ normal) * normal))
+    across = np.cross(normal, ray) / np.linalg.norm(np.cross(normal, ray))
+    width = np.std(projections[weight > 0.0] @ across)
+    behind = np.clip(params.thickness * width, params.least_thickness, params.most_thickness)
+    surface, _ = on_link(surface + behind * (ray - (ray @ normal) * normal))
     return link, distance[anchor], R_WL[link].T @ (surface - p_WL[link])
 
 
@@ -510,7 +513,8 @@ def test_faults_of_the_camera_show_within_a_tenth_of_a_second(bench_scene, fault
         ("least_seen", -0.1),
         ("gate", 0.2),
         ("timeout", np.nan),
-        ("half_thickness", -0.001),
+        ("least_thickness", -0.001),
+        ("most_thickness", 0.001),
     ],
 )
 def test_bad_parameters_are_named(field, value):

@@ -43,8 +43,11 @@ class LocalizerParameters:
     rank: int = 6
     softness: float = 0.005
     spread: float = 0.05
-    # Half the thickness of what touches (m, ≥ 0), a finger: the camera sees its near side, its middle lies behind.
-    half_thickness: float = 0.008
+    # The camera sees the near side of what touches; its middle lies behind by this share (≥ 0) of the deviation of its
+    # points across the view, at least and at most so far (m): what touches is about as thick as it is wide.
+    thickness: float = 1.5
+    least_thickness: float = 0.0065
+    most_thickness: float = 0.019
     # Distance of the person below which a contact is possible (m, > 0).
     gate: float = 0.028
     # Spacing of the person's points that are published (pixels, ≥ 1).
@@ -68,7 +71,9 @@ class LocalizerParameters:
             "support", "support_step", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout",
             "time_constant", "jump", "switch_frames", "memory",
         )  # fmt: skip
-        require_non_negative(self, "half_thickness")
+        require_non_negative(self, "thickness", "least_thickness", "most_thickness")
+        if self.most_thickness < self.least_thickness:
+            raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
         if self.grow_distance >= self.seed_distance:
             raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
         if self.least_scale > 1.0:
@@ -96,6 +101,8 @@ class Localization(NamedTuple):
         Share of the robot's visible axis points that have a reading.
     human_points : (k, 3) array
         The person's points in the world (m).
+    width : float
+        Deviation across the view (m) of the part of the person that is near the point.
     """
 
     link: int
@@ -104,6 +111,7 @@ class Localization(NamedTuple):
     n_L: Array
     seen: float
     human_points: Array
+    width: float = 0.0
 
 
 def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameters | None = None) -> Depth:
@@ -181,6 +189,11 @@ class ContactVision:
         np.subtract(background, params.background_margin * scale, out=limit, where=np.isfinite(background))
         self.limit = limit.astype(np.float32)
 
+    @property
+    def pose(self) -> tuple[Array, Array]:
+        """Rotation R_WC and position p_WC (m) of the camera."""
+        return self._R_WC, self._p_WC
+
     def localize(self, depth: Depth, R_WL: Array, p_WL: Array) -> Localization:
         """Find the person's nearest point on the robot.
 
@@ -190,6 +203,16 @@ class ContactVision:
             Depth image (m); 0, NaN and +inf are no reading.
         R_WL, p_WL : (n, 3, 3) and (n, 3) arrays
             Poses of the links when the image was taken.
+        """
+        return self.localize_several(depth, R_WL, p_WL, 1)[0]
+
+    def localize_several(
+        self, depth: Depth, R_WL: Array, p_WL: Array, count: int, apart: float = 0.12
+    ) -> list[Localization]:
+        """Find up to `count` places where the person is near the robot, nearest first; at least one entry.
+
+        Each but the first is the nearest part of the person that lies at least `apart` (m) from the points before.
+        All hold the same `seen` and `human_points`.
         """
         p, shapes = self.params, self.shapes
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
@@ -207,20 +230,34 @@ class ContactVision:
             depth, best, weak, strong, region, p.reach, p.support, p.support_step, p.scale_depth, p.least_scale,
             p.component,
         )  # fmt: skip
-        link, distance, p_C = kernels.soft_minimum(
-            depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
-            p.rank, p.softness, p.spread,
-        )  # fmt: skip
         seen = share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
         points = kernels.human_points(depth, self.limit, self.x, self.y, best, human, region, p.reach, p.points_stride)
         points = points @ R_WC.T + p_WC
-        if link < 0 or distance > p.reach:
-            return Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)
-        p_L = R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link])
-        p_LC, n_L = self.on_surface(link, p_L)
-        ray_L = R_WL[link].T @ (R_WC @ (p_C / np.linalg.norm(p_C)))
-        p_LC, n_L = self.on_surface(link, p_LC + p.half_thickness * (ray_L - (ray_L @ n_L) * n_L))
-        return Localization(link, distance, p_LC, n_L, seen, points)
+        nobody = Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)
+        found: list[Localization] = []
+        for _ in range(count):
+            link, distance, p_C, extent = kernels.soft_minimum(
+                depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
+                p.rank, p.softness, p.spread,
+            )  # fmt: skip
+            if link < 0 or distance > p.reach:
+                break
+            p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL)
+            found.append(Localization(link, distance, p_LC, n_L, seen, points, width))
+            if len(found) < count:
+                kernels.clear_near(depth, self.x, self.y, human, region, p_C, apart)
+        return found or [nobody]
+
+    def _touched(self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array) -> tuple[Array, Array, float]:
+        """Return contact point, normal (link frame) and width of what touches for the surface point p_C under it."""
+        p, R_WC, p_WC = self.params, self._R_WC, self._p_WC
+        p_LC, n_L = self.on_surface(link, R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link]))
+        R_LC = R_WL[link].T @ R_WC
+        ray_L = R_LC @ (p_C / np.linalg.norm(p_C))
+        across = R_LC.T @ np.cross(n_L, ray_L)
+        width = float(np.sqrt(max(across @ extent @ across, 0.0)) / max(np.linalg.norm(across), 1e-9))
+        behind = min(max(p.thickness * width, p.least_thickness), p.most_thickness)
+        return *self.on_surface(link, p_LC + behind * (ray_L - (ray_L @ n_L) * n_L)), width
 
     def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:
         """Return the surface point of a link nearest to p_L and the outward normal there, all in the link's frame."""

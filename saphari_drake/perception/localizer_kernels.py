@@ -228,10 +228,11 @@ def _project(kind, size, R, p, x, y, z, local, normal, out):
 
 @njit(cache=True)
 def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, region, rank, softness, spread):
-    """Return link, distance (m) and surface point (3,) in C of the person's nearest part; link −1 without one.
+    """Return link, distance (m), surface point (3,) in C of the person's nearest part, and its extent; link −1 without.
 
     The anchor is the point of the person with the `rank`-th smallest distance d. Projections on its link's surface
-    within `spread` (m) of its own are averaged with weights exp(−(d − d_anchor) / softness), at most 1.
+    within `spread` (m) of its own are averaged with weights exp(−(d − d_anchor) / softness), at most 1. The extent is
+    their covariance (3, 3) in m², without weights.
     """
     r0, r1, c0, c1 = region
     rows, cols = r1 - r0, c1 - c0
@@ -250,14 +251,15 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
                 where[k, 0], where[k, 1] = i, j
     anchor_d = nearest[rank - 1]
     if anchor_d == np.inf:
-        return -1, np.inf, np.zeros(3)
+        return -1, np.inf, np.zeros(3), np.zeros((3, 3))
     local, normal = np.empty(3), np.empty(3)
     anchor, projection, mean = np.empty(3), np.empty(3), np.zeros(3)
     i, j = where[rank - 1]
     s = owner[i, j]
     on = link[s]
     _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j], local, normal, anchor)
-    far, total = anchor_d + 6.0 * softness, 0.0
+    far, total, count = anchor_d + 6.0 * softness, 0.0, 0
+    offset, first, second = np.empty(3), np.zeros(3), np.zeros((3, 3))
     for i in range(rows):
         marked, line = human[i + BORDER, BORDER : BORDER + cols], best[i]
         for j in range(cols):
@@ -269,9 +271,27 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
                 if a * a + b * b + c * c < spread * spread:
                     weight = np.exp(-max(line[j] - anchor_d, 0.0) / softness)
                     total += weight
+                    offset[0], offset[1], offset[2] = a, b, c
+                    count += 1
                     for k in range(3):
                         mean[k] += weight * projection[k]
-    return on, anchor_d, mean / total
+                        first[k] += offset[k]
+                        for m in range(3):
+                            second[k, m] += offset[k] * offset[m]
+    return on, anchor_d, mean / total, second / count - np.outer(first / count, first / count)
+
+
+@njit(cache=True)
+def clear_near(z, x, y, human, region, p, distance):
+    """Clear the person's pixels within `distance` (m) of the point p (3,) in C."""
+    r0, r1, c0, c1 = region
+    for i in range(r1 - r0):
+        for j in range(c1 - c0):
+            if human[i + BORDER, j + BORDER]:
+                depth = z[r0 + i, c0 + j]
+                a, b, c = x[c0 + j] * depth - p[0], y[r0 + i] * depth - p[1], depth - p[2]
+                if a * a + b * b + c * c < distance * distance:
+                    human[i + BORDER, j + BORDER] = 0
 
 
 @njit(cache=True)

@@ -1,0 +1,304 @@
+"""Where the robot is touched, from cameras and the residual together: the law behind `ContactFusion`.
+
+Each candidate point of the surface has a cost (−2 log of its probability) with two parts. The residual's part, summed
+over frames with a forgetting factor, is the misfit of the best force inside the friction cone. The cameras' part says
+how unlikely a contact is where they look through free space, or far from everything they see of the person. Where the
+cameras see the person on the surface, that point is one more candidate, with its own deviation. The best few are
+refined over the surface; the best of them is the contact, the best one elsewhere the second mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.math.friction_cone import force_in_cone, two_forces_in_cones
+from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception import fusion_kernels as kernels
+from saphari_drake.perception.localization import Array, ContactVision, Depth, Localization
+from saphari_drake.perception.surface_candidates import surface_candidates
+from saphari_drake.port_values import Immutable
+from saphari_drake.robots.model import RobotModel
+
+
+@dataclass
+class FusionParameters:
+    """Numbers of the fusion."""
+
+    # Points of the surface that are weighed (≥ 10).
+    candidates: int = 1700
+    # Standard deviation of the residual of each joint (Nm, > 0), and size of a usual force (N, > 0).
+    torque_sigma: float = 0.2
+    force_scale: float = 30.0
+    # Friction of skin on the cover, and the share of the largest singular value below which a direction is left out.
+    friction: float = 0.5
+    rcond: float = 0.02
+    # Norm of the residual above which a contact is felt (Nm, > 0).
+    felt: float = 1.0
+    # Deviation of a point that the cameras see (m, > 0): of a fine one, and its growth with the width of what touches.
+    vision_sigma: float = 0.003
+    width_share: float = 0.5
+    # Distance of the person up to which a point is taken as it is, and by which more costs 1 (m, > 0).
+    near: float = 0.015
+    far: float = 0.010
+    # Cost of a contact where nobody is seen on the surface although somebody is seen touching it (≥ 0).
+    unseen_cost: float = 12.0
+    # Cost of a contact in space that is seen to be free (≥ 0), within these distances of the person none to full (m).
+    free_cost: float = 16.0
+    free_from: float = 0.03
+    free_to: float = 0.07
+    # Distance from the person's visible parts that costs 1 (m, > 0), and the most that distance costs (≥ 0).
+    person_scale: float = 0.06
+    person_cost: float = 12.0
+    # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
+    mode_distance: float = 0.05
+    modes: int = 4
+    # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
+    memory: float = 0.9
+    frames: int = 8
+    # Least gain of cost that makes two seen contacts out of one (≥ 0).
+    second_gain: float = 16.0
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "near", "far",
+            "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
+        )  # fmt: skip
+        require_non_negative(self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_gain")
+        if not 0.0 <= self.memory <= 1.0:
+            raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
+        if not 0.0 < self.rcond < 1.0:
+            raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
+        if self.free_to <= self.free_from:
+            raise ParameterError("free_to", f"must be above free_from ({self.free_from} m), got {self.free_to}")
+
+
+class Evidence(NamedTuple):
+    """What one instant shows. Costs are those of the candidates."""
+
+    S: Array  # (n, 6) joint axes
+    R_WL: Array  # (n, 3, 3)
+    p_WL: Array  # (n, 3)
+    r: Array  # (n,) residual, Nm
+    residual_cost: Array  # (m,)
+    vision_cost: Array  # (m,)
+    seen: tuple[Localization, ...]  # places where a camera sees the person within its gate
+    human_points: Array  # (k, 3) m, world
+
+
+@dataclass(frozen=True)
+class FusionMemory(Immutable):
+    """Evidence of the frames of the present contact, newest last; empty without contact."""
+
+    S: Array
+    R_WL: Array
+    p_WL: Array
+    r: Array
+    residual_cost: Array  # (m,) summed with forgetting
+    vision_cost: Array  # (m,) mean with forgetting
+    weight: float = 0.0  # sum of the weights of all frames
+    seen: tuple[tuple[Localization, ...], ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of frames kept."""
+        return len(self.r)
+
+
+class Mode(NamedTuple):
+    """One explanation of what is felt."""
+
+    link: int
+    p_L: Array  # (3,) m
+    n_L: Array  # (3,)
+    cost: float
+    seen: bool  # whether a camera sees the person there
+    distance: float  # m, of the person there (∞: unseen)
+    sigma: float = np.inf  # m, deviation of the point that a camera sees
+
+
+class Fusion(NamedTuple):
+    """Result of the fusion.
+
+    Attributes
+    ----------
+    modes : list of Mode
+        The contact; both, if two are felt.
+    second : Mode, optional
+        Best explanation elsewhere.
+    second_weight : float
+        Its probability against that of the contact (0–0.5).
+    forces : (k, 3) array
+        Force of the person on the robot at each contact (N, world).
+    """
+
+    modes: list[Mode]
+    second: Mode | None
+    second_weight: float
+    forces: Array
+
+
+class ContactFusionLaw:
+    """The law with its constants.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    visions : sequence of ContactVision
+        One a camera.
+    params : FusionParameters
+    """
+
+    def __init__(self, robot: RobotModel, visions: Sequence[ContactVision], params: FusionParameters) -> None:
+        self.robot, self.visions, self.params = robot, tuple(visions), params
+        self.candidates = surface_candidates(robot, params.candidates)
+        self._lifts = np.array([0.006, 0.012, 0.018])
+        self._steps = self.candidates.spacing * np.array([0.5, 0.25, 0.12, 0.06])
+
+    def empty(self) -> FusionMemory:
+        """Return the memory without a contact."""
+        n, m = self.robot.n, len(self.candidates.link)
+        return FusionMemory(
+            np.zeros((0, n, 6)), np.zeros((0, n, 3, 3)), np.zeros((0, n, 3)), np.zeros((0, n)), np.zeros(m), np.zeros(m)
+        )
+
+    def evidence(self, q: Array, r: Array, images: Sequence[Depth | None]) -> Evidence:
+        """Weigh one instant: posture q (n,), residual r (n,) and each camera's image (None: no frame)."""
+        t, p, c = self.robot.tree, self.params, self.candidates
+        R_WL, p_WL, S, *_ = tree_kinematics(
+            t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(self.robot.n)
+        )
+        found = [v.localize_several(z, R_WL, p_WL, 2) for v, z in zip(self.visions, images) if z is not None]
+        seen = tuple(
+            entry for v, places in zip(self.visions, found) for entry in places if entry.distance < v.params.gate
+        )
+        points = np.concatenate([places[0].human_points for places in found]) if found else np.zeros((0, 3))
+        m = len(c.link)
+        if np.linalg.norm(r) < p.felt:
+            return Evidence(S, R_WL, p_WL, r, np.zeros(m), np.zeros(m), seen, points)
+        x, a = kernels.pose_points(c.link, c.p_L, c.n_L, R_WL, p_WL)
+        residual_cost = kernels.residual_costs(
+            t.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing
+        )
+        return Evidence(S, R_WL, p_WL, r, residual_cost, self._vision_cost(x, a, images, points), seen, points)
+
+    def _vision_cost(self, x: Array, a: Array, images: Sequence[Depth | None], points: Array) -> Array:
+        p = self.params
+        if all(z is None for z in images):
+            return np.zeros(len(x))
+        free = np.zeros(len(x))
+        for vision, depth in zip(self.visions, images):
+            if depth is not None:
+                R_WC, p_WC = vision.pose
+                kernels.share_free(x, a, depth, R_WC, p_WC, *vision.pinhole, 0.03, self._lifts, free)
+        if len(points) == 0:
+            return p.person_cost + p.free_cost * free
+        cloud = points.astype(np.float32).T.copy()
+        distance = kernels.nearest_distances(x, a, 0.01, cloud[0], cloud[1], cloud[2])
+        alone = np.clip((distance - p.free_from) / (p.free_to - p.free_from), 0.0, 1.0)
+        return np.minimum((distance / p.person_scale) ** 2, p.person_cost) + p.free_cost * free * alone
+
+    def remember(self, memory: FusionMemory, new: Evidence) -> FusionMemory:
+        """Return the memory with a frame added; without a felt contact it is empty."""
+        if np.linalg.norm(new.r) < self.params.felt:
+            return self.empty()
+        keep, old = self.params.frames - 1, self.params.memory
+        weight = old * memory.weight + 1.0
+        first = max(memory.count - keep, 0)
+        return FusionMemory(
+            np.concatenate([memory.S[first:], new.S[None]]),
+            np.concatenate([memory.R_WL[first:], new.R_WL[None]]),
+            np.concatenate([memory.p_WL[first:], new.p_WL[None]]),
+            np.concatenate([memory.r[first:], new.r[None]]),
+            old * memory.residual_cost + new.residual_cost,
+            (old * memory.weight * memory.vision_cost + new.vision_cost) / weight,
+            weight,
+            (*memory.seen[first:], new.seen),
+        )
+
+    def decide(self, memory: FusionMemory) -> Fusion:
+        """Return the contacts, the second mode and the forces."""
+        p, c = self.params, self.candidates
+        if memory.count == 0:
+            return Fusion([], None, 0.0, np.zeros((0, 3)))
+        seen = self._seen(memory)
+        penalty = p.unseen_cost if seen else 0.0
+        cost = memory.residual_cost + memory.vision_cost + penalty
+        grid = self._grid_modes(memory, cost)
+        modes = seen + [self._refined(memory, mode, float(memory.vision_cost[i]) + penalty) for i, mode in grid]
+        modes.sort(key=lambda mode: mode.cost)
+        best = modes[0]
+        second = next((mode for mode in modes if self._apart(memory, best, mode) > p.mode_distance), None)
+        weight = 0.0 if second is None else float(1.0 / (1.0 + np.exp(0.5 * min(second.cost - best.cost, 200.0))))
+        both = self._both(memory, [mode for mode in seen if mode.seen], best.cost)
+        chosen = both or [best]
+        return Fusion(chosen, second, weight, self._forces(memory, chosen))
+
+    def _world(self, memory: FusionMemory, mode: Mode) -> Array:
+        return memory.p_WL[-1, mode.link] + memory.R_WL[-1, mode.link] @ mode.p_L
+
+    def _apart(self, memory: FusionMemory, a: Mode, b: Mode) -> float:
+        return float(np.linalg.norm(self._world(memory, a) - self._world(memory, b)))
+
+    def _seen(self, memory: FusionMemory) -> list[Mode]:
+        """Return a refined mode for each place where the newest frame sees the person on the surface."""
+        modes = []
+        for entry in memory.seen[-1]:
+            points = [
+                e.p_LC
+                for frame in memory.seen
+                for e in frame
+                if e.link == entry.link and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
+            ]
+            anchor, normal = self.visions[0].on_surface(entry.link, np.mean(points, axis=0))
+            away = max(entry.distance - self.params.near, 0.0) / self.params.far
+            sigma = self.params.vision_sigma + self.params.width_share * entry.width
+            mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma)
+            modes.append(self._refined(memory, mode, away**2))
+        return modes
+
+    def _grid_modes(self, memory: FusionMemory, cost: Array) -> list[tuple[int, Mode]]:
+        """Return the best candidates that lie apart from one another."""
+        c, found = self.candidates, []
+        order = np.argsort(cost)[:400]
+        x, _ = kernels.pose_points(c.link[order], c.p_L[order], c.n_L[order], memory.R_WL[-1], memory.p_WL[-1])
+        taken = np.zeros(len(order), dtype=bool)
+        while len(found) < self.params.modes and not taken.all():
+            k = int(np.argmin(taken))
+            i = int(order[k])
+            found.append((i, Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf)))
+            taken |= np.linalg.norm(x - x[k], axis=1) < self.params.mode_distance
+        return found
+
+    def _refined(self, memory: FusionMemory, mode: Mode, prior: float) -> Mode:
+        p, t, s = self.params, self.robot.tree, self.robot.shapes
+        weight = p.memory ** np.arange(memory.count - 1, -1, -1)
+        p_L, n_L, cost = kernels.refine(
+            t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, s.R_LS, s.p_LS,
+            s.link == mode.link, mode.link, mode.p_L, mode.n_L, mode.p_L, mode.sigma,
+            p.torque_sigma, p.force_scale, p.friction, self._steps,
+        )  # fmt: skip
+        return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior)
+
+    def _jacobian(self, memory: FusionMemory, mode: Mode) -> Array:
+        t, zero = self.robot.tree, np.zeros((self.robot.n, 6))
+        R_WL, p_WL = memory.R_WL[-1], memory.p_WL[-1]
+        return point_kinematics(t.parent, memory.S[-1], zero, zero, R_WL, p_WL, mode.link, mode.p_L)[2]
+
+    def _forces(self, memory: FusionMemory, modes: list[Mode]) -> Array:
+        p, r = self.params, memory.r[-1]
+        J = [self._jacobian(memory, mode) for mode in modes]
+        inward = [-memory.R_WL[-1, mode.link] @ mode.n_L for mode in modes]
+        if len(modes) == 2:
+            return two_forces_in_cones(J[0], J[1], r, inward[0], inward[1], p.friction, p.rcond)
+        return force_in_cone(J[0], r, inward[0], p.friction, p.rcond)[None]
+
+    def _both(self, memory: FusionMemory, seen: list[Mode], single: float) -> list[Mode]:
+        """Return two seen contacts if they explain the residual much better together than any one alone."""
+        return []

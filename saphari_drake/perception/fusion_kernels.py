@@ -1,0 +1,226 @@
+"""The compiled passes of the contact fusion: what residual and cameras say about points of the robot's surface.
+
+All costs are −2 log of a likelihood, so that they add up; points and vectors are in the world.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
+from saphari_drake.math.geometry import nearest_surface_point
+
+_NARROW = 60.0  # a cost this far above the least one decides nothing, so its cone is left out
+
+
+@njit(cache=True)
+def point_system(parent, S, link, p, r, G, b):
+    """Fill G with J Jᵀ (3, 3) and b with J r (3,) for a point p (m) of a link; S (n, 6) are the joint axes."""
+    for i in range(3):
+        b[i] = 0.0
+        for k in range(3):
+            G[i, k] = 0.0
+    c = np.empty(3)
+    j = link
+    while j >= 0:
+        c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
+        c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
+        c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+        for i in range(3):
+            b[i] += c[i] * r[j]
+            for k in range(3):
+                G[i, k] += c[i] * c[k]
+        j = parent[j]
+
+
+@njit(cache=True)
+def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, limit, F):
+    """Return the cost of a contact at p and fill F (3,) with its force (N).
+
+    With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes
+    ‖r − JᵀF‖² / σ² + ‖F‖² / f² inside the friction cone. To that come log det(f² H / σ²), which weighs how exactly F
+    has to be chosen, and what is left open by the point itself lying within `cell` (m) of p on the surface.
+
+    Parameters
+    ----------
+    sigma, force : float
+        Deviation of the residual of each joint (Nm), size of a usual force (N).
+    mu : float
+        Coefficient of friction.
+    cell : float
+        Deviation of the true point from p (m); 0: none.
+    limit : float
+        Cost beyond which the value no longer matters; a lower bound of it is returned then.
+    """
+    G, H, b = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    point_system(parent, S, link, p, r, G, b)
+    ridge = (sigma / force) ** 2
+    for i in range(3):
+        for k in range(3):
+            H[i, k] = G[i, k]
+        H[i, i] += ridge
+    rr = 0.0
+    for j in range(r.shape[0]):
+        rr += r[j] * r[j]
+    det = solve3(H, b, F)
+    spread = np.log(max(det, 1e-300)) - 3.0 * np.log(ridge)
+    free = rr - F[0] * b[0] - F[1] * b[1] - F[2] * b[2]
+    if cell == 0.0 and free / (sigma * sigma) + spread > limit:
+        return free / (sigma * sigma) + spread
+    misfit = rr + cone_minimum(H, b, inward, mu, F)
+    cost = misfit / (sigma * sigma) + spread
+    if cell > 0.0:
+        t, u = np.empty(3), np.empty(3)
+        tangents(inward, t, u)
+        d00 = d01 = d11 = e0 = e1 = 0.0
+        j = link
+        c = np.empty(3)
+        while j >= 0:
+            c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
+            c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
+            c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+            e = r[j] - c[0] * F[0] - c[1] * F[1] - c[2] * F[2]
+            # A shift δ of the point changes torque j by F · (ω × δ) = δ · (F × ω).
+            x = F[1] * S[j, 2] - F[2] * S[j, 1]
+            y = F[2] * S[j, 0] - F[0] * S[j, 2]
+            z = F[0] * S[j, 1] - F[1] * S[j, 0]
+            s0, s1 = x * t[0] + y * t[1] + z * t[2], x * u[0] + y * u[1] + z * u[2]
+            d00 += s0 * s0
+            d01 += s0 * s1
+            d11 += s1 * s1
+            e0 += s0 * e
+            e1 += s1 * e
+            j = parent[j]
+        k = (sigma / cell) ** 2
+        d00, d11 = d00 + k, d11 + k
+        inner = d00 * d11 - d01 * d01
+        cost -= (d11 * e0 * e0 - 2.0 * d01 * e0 * e1 + d00 * e1 * e1) / inner / (sigma * sigma)
+        cost += np.log(inner / (k * k))
+    return cost
+
+
+@njit(cache=True)
+def pose_points(link, p_L, n_L, R_WL, p_WL):
+    """Return points p (m, 3) and inward normals a (m, 3) in the world."""
+    m = link.shape[0]
+    p, a = np.empty((m, 3)), np.empty((m, 3))
+    for c in range(m):
+        R, o = R_WL[link[c]], p_WL[link[c]]
+        for i in range(3):
+            p[c, i] = o[i] + R[i, 0] * p_L[c, 0] + R[i, 1] * p_L[c, 1] + R[i, 2] * p_L[c, 2]
+            a[c, i] = -(R[i, 0] * n_L[c, 0] + R[i, 1] * n_L[c, 1] + R[i, 2] * n_L[c, 2])
+    return p, a
+
+
+@njit(cache=True)
+def residual_costs(parent, S, link, p, a, r, sigma, force, mu, cell):
+    """Return `touch_cost` of every candidate (m,)."""
+    m = link.shape[0]
+    cost = np.empty(m)
+    F = np.empty(3)
+    best = np.inf
+    for c in range(m):
+        cost[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, best + _NARROW, F)
+        best = min(best, cost[c])
+    return cost
+
+
+@njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
+def nearest_distances(p, a, lift, x, y, z):
+    """Return the distance (m,) of each candidate, lifted off the surface by `lift` (m), to the points x, y, z (k,)."""
+    m, k = p.shape[0], x.shape[0]
+    out = np.empty(m)
+    for c in range(m):
+        px = np.float32(p[c, 0] - lift * a[c, 0])
+        py = np.float32(p[c, 1] - lift * a[c, 1])
+        pz = np.float32(p[c, 2] - lift * a[c, 2])
+        best = np.float32(1e6)
+        for i in range(k):
+            dx, dy, dz = x[i] - px, y[i] - py, z[i] - pz
+            d = dx * dx + dy * dy + dz * dz
+            best = d if d < best else best
+        out[c] = np.sqrt(best)
+    return out
+
+
+@njit(cache=True)
+def share_free(p, a, depth, R_WC, p_WC, fx, fy, cx, cy, margin, lifts, free):
+    """Raise `free` (m,) to the share of the points above each candidate through which the camera sees.
+
+    A point at height h above the surface is free if the reading along its ray lies more than `margin` (m) behind it.
+    No reading tells nothing.
+    """
+    rows, cols = depth.shape
+    for k in range(p.shape[0]):
+        seen = 0
+        for i in range(lifts.shape[0]):
+            x = p[k, 0] - lifts[i] * a[k, 0] - p_WC[0]
+            y = p[k, 1] - lifts[i] * a[k, 1] - p_WC[1]
+            z = p[k, 2] - lifts[i] * a[k, 2] - p_WC[2]
+            zc = R_WC[0, 2] * x + R_WC[1, 2] * y + R_WC[2, 2] * z
+            if zc <= 0.0:
+                continue
+            c = int(np.floor((R_WC[0, 0] * x + R_WC[1, 0] * y + R_WC[2, 0] * z) / zc * fx + cx))
+            r = int(np.floor((R_WC[0, 1] * x + R_WC[1, 1] * y + R_WC[2, 1] * z) / zc * fy + cy))
+            if 0 <= c < cols and 0 <= r < rows:
+                d = depth[r, c]
+                if d > zc + margin and d > 0.0:
+                    seen += 1
+        free[k] = max(free[k], seen / lifts.shape[0])
+
+
+@njit(cache=True)
+def window_cost(parent, S, R_WL, p_WL, r, weight, link, p_L, n_L, sigma, force, mu, F):
+    """Return the weighted sum of a contact's costs over frames (k, …) and fill F (3,) with the newest frame's force."""
+    total = 0.0
+    p, a = np.empty(3), np.empty(3)
+    for f in range(r.shape[0]):
+        R, o = R_WL[f, link], p_WL[f, link]
+        for i in range(3):
+            p[i] = o[i] + R[i, 0] * p_L[0] + R[i, 1] * p_L[1] + R[i, 2] * p_L[2]
+            a[i] = -(R[i, 0] * n_L[0] + R[i, 1] * n_L[1] + R[i, 2] * n_L[2])
+        total += weight[f] * touch_cost(parent, S[f], link, p, a, r[f], sigma, force, mu, 0.0, np.inf, F)
+    return total
+
+
+@njit(cache=True)
+def refine(parent, S, R_WL, p_WL, r, weight, kind, size, R_LS, p_LS, own, link, start, normal, anchor, anchor_sigma,
+           sigma, force, mu, steps):  # fmt: skip
+    """Move a contact point over its link's surface to where its cost is least, by a pattern search from `start`.
+
+    Parameters
+    ----------
+    kind, size, R_LS, p_LS : arrays
+        The robot's shapes; `own` (s,) says which belong to the link.
+    start, normal : (3,) arrays
+        First point (m) and outward normal, in the link's frame.
+    anchor, anchor_sigma : (3,) array, float
+        Point that the cameras see (m) and its deviation (m); ∞: they see none.
+    steps : (k,) array
+        Step sizes of the search (m), from coarse to fine.
+
+    Returns
+    -------
+    p_L (3,), n_L (3,), cost : the best point, its outward normal, and its cost with that of the anchor.
+    """
+    F, t, u, trial = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    p, n = start.copy(), normal.copy()
+    off = (p[0] - anchor[0]) ** 2 + (p[1] - anchor[1]) ** 2 + (p[2] - anchor[2]) ** 2
+    best = window_cost(parent, S, R_WL, p_WL, r, weight, link, p, n, sigma, force, mu, F) + off / anchor_sigma**2
+    for step in steps:
+        for _ in range(3):
+            tangents(n, t, u)
+            here, moved = p.copy(), False
+            for k in range(4):
+                side = step if k < 2 else -step
+                for i in range(3):
+                    trial[i] = here[i] + side * (t[i] if k % 2 == 0 else u[i])
+                _, _, q, m = nearest_surface_point(kind, size, R_LS, p_LS, own, trial)
+                cost = window_cost(parent, S, R_WL, p_WL, r, weight, link, q, m, sigma, force, mu, F)
+                cost += ((q[0] - anchor[0]) ** 2 + (q[1] - anchor[1]) ** 2 + (q[2] - anchor[2]) ** 2) / anchor_sigma**2
+                if cost < best:
+                    best, p, n, moved = cost, q, m, True
+            if not moved:
+                break
+    return p, n, best
