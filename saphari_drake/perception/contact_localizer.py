@@ -33,8 +33,7 @@ _NOBODY = np.zeros((0, 3))
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    times: Array  # (k,) s, of the postures below, oldest first
-    postures: Array  # (k, n)
+    postures: tuple[tuple[float, Array], ...]  # times (s) and joint positions (n,), oldest first
     frame_time: float  # s, when the last frame arrived; before the first one, when the system started
     stamp: float = -1.0  # s, when the last frame was taken
     status: CameraStatus = CameraStatus.WAITING
@@ -109,7 +108,7 @@ class ContactLocalizer(LeafSystem):
         self._position = self.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
         self._image = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
         self._time = self.DeclareVectorInputPort("image_time", BasicVector(1))
-        empty = _Memory(np.zeros(0), np.zeros((0, robot.n)), 0.0)
+        empty = _Memory((), 0.0)
         self._state = self.DeclareAbstractState(AbstractValue.Make(empty))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         ticket = {self.abstract_state_ticket(self._state)}
@@ -149,18 +148,12 @@ class ContactLocalizer(LeafSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
         q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
-        if len(memory.times) == 0:
-            memory = replace(memory, frame_time=now)
-        memory = replace(
-            memory,
-            times=np.append(memory.times, now)[-self._kept :],
-            postures=np.vstack([memory.postures, q])[-self._kept :],
-        )
+        frame_time = memory.frame_time if memory.postures else now
+        memory = replace(memory, frame_time=frame_time, postures=(*memory.postures, (now, q))[-self._kept :])
         stamp = float(self._time.Eval(context)[0])
         usable = 0.0 <= stamp <= now and now - stamp <= self._params.memory
         if usable and stamp != memory.stamp:
-            posture = np.array([np.interp(stamp, memory.times, column) for column in memory.postures.T])
-            seen = self._localize(self._image.Eval(context).data[..., 0], posture)
+            seen = self._localize(self._image.Eval(context).data[..., 0], _posture_at(memory.postures, stamp))
             memory = self._with_frame(memory, seen, stamp, now)
         elif now - memory.frame_time > self._params.timeout + 1e-9:
             memory = replace(memory, status=CameraStatus.STALE, contact=ContactPoint(), human_points=_NOBODY)
@@ -190,3 +183,10 @@ class ContactLocalizer(LeafSystem):
             p_LC, n_L = self._vision.on_surface(result.link, last.p_LC + weight * (p_LC - last.p_LC))
         contact = ContactPoint(True, result.link, p_LC, n_L, result.distance, stamp)
         return replace(memory, contact=contact, other_link=-1, other_count=0)
+
+
+def _posture_at(postures: tuple[tuple[float, Array], ...], time: float) -> Array:
+    """Joint positions at a time, interpolated."""
+    times = np.array([entry[0] for entry in postures])
+    columns = np.array([entry[1] for entry in postures]).T
+    return np.array([np.interp(time, times, column) for column in columns])

@@ -165,6 +165,8 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> boo
     tree = to_tree(scenario)
     if options.out is not None:
         prepare_folder(options.out, tree)
+    if sys.stderr.isatty():
+        print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.cases[scenario.case]}"
