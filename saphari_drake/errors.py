@@ -53,3 +53,7 @@ class StateError(SaphariError, ValueError):
 
 class SensorError(SaphariError, RuntimeError):
     """A sensor cannot be started, or its data cannot be read."""
+
+
+class StabilityWarning(UserWarning):
+    """A set of gains can oscillate with the surroundings that were stated."""

@@ -36,6 +36,19 @@ class InteractionMode(IntEnum):
     STOP = 4  # the camera is lost: compliant stop
 
 
+class ForceStatus(IntEnum):
+    """What the force control does, and why it does not control a force, also published as a number."""
+
+    HOLD = 0  # nobody touches: keep the posture
+    CONTROLLED = 1  # the force is controlled in all directions
+    PARTIAL = 2  # controlled, except along directions in which joint torques do not show it
+    WEAK = 3  # touched with a force below the gate: brake
+    RELEASED = 4  # braking to rest after the release
+    SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
+    UNSEEN = 6  # touched, but not seen where: yield
+    NO_CAMERA = 7  # the camera is lost: compliant stop
+
+
 @dataclass(frozen=True)
 class Interaction(Immutable):
     """Decision of the contact monitor, for the estimator and the controllers.

@@ -1,7 +1,7 @@
 """Force control of a contact anywhere on the arm, eq. (58)–(60) and (62)."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class ContactForceControlParameters:
 
     # "aligned": the desired force points along the estimated one, so that the person always resists it; "fixed": it
     # points in a fixed direction of the world, and the robot drifts where nobody resists.
-    direction: Literal["aligned", "fixed"] = "aligned"
+    direction: str = "aligned"
     # N; size of the aligned desired force.
     desired_force: float = 15.0
     # N; the fixed desired force in the world.
@@ -52,11 +52,13 @@ class ContactForceControlParameters:
     gate_on: float = 3.0
     gate_off: float = 1.5
     # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
-    force_rate: float = 20.0
+    force_rate: float = 10.0
+    # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
+    max_deficit: float = 4.0
     # m/s; the contact point never moves faster: a speed that would reach it within the next `stop_lead` seconds stops
     # the robot until it is released. ISO 10218 limits manual guidance to the same.
     speed_limit: float = 0.25
-    stop_lead: float = 0.015
+    stop_lead: float = 0.02
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
     misfit_lever: float = 0.03
     # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
@@ -87,7 +89,7 @@ class ContactForceControlParameters:
             positive_definite(self.M_d, 3, "M_d")
         if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
-        require_positive(self, "desired_force", "gate_on", "gate_off", "speed_limit", "stop_lead")
+        require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
         require_positive(self, "transition_time", "brake_time", "max_effective_mass", "period")
         require_non_negative(self, "force_rate", "misfit_lever", "hand_stiffness", "hand_damping")
         if self.gate_off >= self.gate_on:

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque, posture_torque
 from saphari_drake.control.torque_limits import limit_torque
 from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.parameters import diagonal, positive_definite, require_non_negative, require_positive
-from saphari_drake.port_values import ContactPoint, Immutable, Interaction, InteractionMode
+from saphari_drake.port_values import ContactPoint, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 
@@ -70,22 +71,6 @@ class ImpedanceGains(NamedTuple):
     max_effective_mass: float  # kg
 
 
-class TorqueTerms(NamedTuple):
-    """Named parts (n,) of a torque command (Nm); their sum is the command before limits."""
-
-    task: Array
-    force: Array
-    misfit: Array
-    null_space: Array
-    coriolis: Array
-    gravity: Array
-    transition: Array
-
-    def total(self) -> Array:
-        """Return the sum of all parts."""
-        return np.sum(self, axis=0)
-
-
 def contact_impedance_torque(
     terms: DynamicsTerms,
     point: PointKinematics,
@@ -126,18 +111,9 @@ def contact_impedance_torque(
         shaping = Lambda @ gains.M_d_inv
         task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
         force = J.T @ (shaping @ F - F)
-    bound = gains.misfit_lever * float(np.linalg.norm(F))
+    compensation = misfit_torque(misfit, F, gains.misfit_lever)
     null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
-    return TorqueTerms(
-        task, force, np.clip(-misfit, -bound, bound), null_space, terms.Cv, terms.g, np.zeros(len(terms.q))
-    )
-
-
-def posture_torque(terms: DynamicsTerms, q_desired: Array, stiffness: Array, damping: Array) -> TorqueTerms:
-    """Return the computed torque M(K(q_d − q) − D q̇) + C q̇ + g, with K in 1/s² and D in 1/s, (n,)."""
-    zero = np.zeros(len(terms.q))
-    task = terms.M @ (stiffness * (q_desired - terms.q) - damping * terms.v)
-    return TorqueTerms(task, zero, zero, zero, terms.Cv, terms.g, zero)
+    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g, np.zeros(len(terms.q)))
 
 
 class _Output(NamedTuple):
@@ -146,16 +122,7 @@ class _Output(NamedTuple):
     excess: Array
     error: Array
     p_WC: Array
-    law: tuple[str, int, int]
-
-
-@dataclass(frozen=True)
-class _Memory(Immutable):
-    """Law, torque and fading offset of the cycle before."""
-
-    law: tuple[str, int, int] | None
-    torque: Array
-    offset: Array
+    law: Law
 
 
 _LAWS = {
@@ -213,7 +180,7 @@ class ContactImpedanceController(LeafSystem):
         self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
         self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(robot.n))
         zero = np.zeros(robot.n)
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(None, zero, zero)))
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(Handover(None, zero, zero)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         start = _Output(posture_torque(terms, robot.home, zero, zero), zero, zero, zero[:3], zero[:3], ("hold", 0, -1))
         self._output = declare_cache(
@@ -258,7 +225,7 @@ class ContactImpedanceController(LeafSystem):
     def _evaluate(self, context: Context) -> _Output:
         terms: DynamicsTerms = self._dynamics.Eval(context)
         interaction: Interaction = self._interaction.Eval(context)
-        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+        handover: Handover = context.get_abstract_state(int(self._memory)).get_value()
         law = (_LAWS[interaction.mode], interaction.onset, interaction.contact.link)
         error, p_WC = np.zeros(3), np.zeros(3)
         if law[0] == "impedance":
@@ -272,15 +239,11 @@ class ContactImpedanceController(LeafSystem):
             parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
         else:
             parts = posture_torque(terms, terms.q, self._hold, self._yield_damping)
-        if memory.law is None or memory.law == law:
-            offset = memory.offset
-        else:
-            offset = memory.torque - parts.total()
-        parts = parts._replace(transition=offset)
+        parts = handover.into(law, parts)
         torque, excess = limit_torque(parts.total(), self._robot.tau_max)
         return _Output(parts, torque, excess, error, p_WC, law)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Output = self._output.Eval(context)
-        memory = _Memory(now.law, now.torque, self._fade * now.terms.transition)
+        memory = Handover(now.law, now.torque, self._fade * now.terms.transition)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -18,6 +18,7 @@ class GateParameters(Protocol):
     gate_on: float
     gate_off: float
     force_rate: float
+    max_deficit: float
     period: float
 
 
@@ -45,7 +46,8 @@ class ForceGate(Immutable):
     def after(self, mode: InteractionMode, force: float, params: GateParameters) -> Self:
         """Return the gate of the next cycle, with the estimated force of size `force` (N).
 
-        The desired size starts from the estimate and goes to its final value at the force rate.
+        The desired size starts from the estimate, goes to its final value at the force rate, and never exceeds the
+        estimate by more than the largest deficit.
         """
         if mode in (InteractionMode.HOLD, InteractionMode.RETURN):
             return type(self)()
@@ -53,11 +55,11 @@ class ForceGate(Immutable):
         threshold = params.gate_off if self.open else params.gate_on
         if mode != InteractionMode.CONTACT or self.stopped or not force > threshold:
             return replace(self, open=False, size=0.0)
-        if params.force_rate == 0.0:
-            return replace(self, open=True, size=params.desired_force)
-        step = params.force_rate * params.period
-        size = self.size + float(np.clip(params.desired_force - self.size, -step, step)) if self.open else force
-        return replace(self, open=True, size=size)
+        size = params.desired_force
+        if params.force_rate > 0.0:
+            start, step = (self.size, params.force_rate * params.period) if self.open else (force, 0.0)
+            size = start + float(np.clip(size - start, -step, step))
+        return replace(self, open=True, size=min(size, force + params.max_deficit))
 
     def checked(self, velocity: Array, limit: float) -> Self:
         """Return the gate, stopped if the foreseen velocity (3,) of the contact is not below the limit (m/s)."""

@@ -80,6 +80,8 @@ def add_contact_cell(
     """Add the whole cell; the robot starts at its home posture, the hand before its first target."""
     params = params or ContactCellParameters()
     cell = add_cell(builder, robot, params.cell)
+    # The force control has no stiffness; recordings are not played to it.
+    K_p = getattr(params.pipeline.controller, "K_p", np.inf)
     hand = builder.AddNamedSystem(
         "human_hand",
         HumanHand(
@@ -89,7 +91,7 @@ def add_contact_cell(
             cell.plant.num_velocities(),
             cell.hand.floating_velocities_start_in_v(),
             force_profile,
-            float(np.mean(params.pipeline.controller.K_p)),
+            float(np.mean(K_p)),
         ),
     )
     cell.plant.SetDefaultFloatingBaseBodyPose(cell.hand, hand.start_pose())

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem
 
+from saphari_drake.control.contact_force import ContactForceController, ContactForceControlParameters
 from saphari_drake.control.contact_impedance import ContactImpedanceController, ContactImpedanceParameters
+from saphari_drake.control.force_stability import check_hand
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
@@ -29,12 +31,17 @@ class ContactPipelineParameters:
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)
-    controller: ContactImpedanceParameters = field(default_factory=ContactImpedanceParameters)
+    # The answer to a contact: an impedance, or a force.
+    controller: ContactImpedanceParameters | ContactForceControlParameters = field(
+        default_factory=ContactImpedanceParameters
+    )
 
     def __post_init__(self) -> None:
         for name in ("observer", "detector", "monitor", "controller"):
             if getattr(self, name).period != self.joint_sensor.period:
                 raise ParameterError(f"{name}.period", f"must equal joint_sensor.period, {self.joint_sensor.period} s")
+        if isinstance(self.controller, ContactForceControlParameters):
+            check_hand(self.controller, float(np.min(self.observer.gain)))
 
 
 @dataclass
@@ -48,7 +55,7 @@ class ContactPipeline:
     localizer: ContactLocalizer
     monitor: ContactMonitor
     force: ContactForceEstimator
-    controller: ContactImpedanceController
+    controller: ContactImpedanceController | ContactForceController
 
     @property
     def state_input(self) -> InputPort:
@@ -107,7 +114,7 @@ def add_contact_pipeline(
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
-        controller=add("controller", ContactImpedanceController(robot, params.controller)),
+        controller=add("controller", _controller(robot, params.controller)),
     )
     wires = (
         (p.joint_sensor, "position_measured", p.dynamics, "position_measured"),
@@ -130,4 +137,15 @@ def add_contact_pipeline(
     )
     for source, output, target, target_port in wires:
         builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_port))
+    if isinstance(p.controller, ContactForceController):
+        hidden = "unobservable_directions"
+        builder.Connect(p.force.GetOutputPort(hidden), p.controller.GetInputPort(hidden))
     return p
+
+
+def _controller(
+    robot: RobotModel, params: ContactImpedanceParameters | ContactForceControlParameters
+) -> ContactImpedanceController | ContactForceController:
+    if isinstance(params, ContactForceControlParameters):
+        return ContactForceController(robot, params)
+    return ContactImpedanceController(robot, params)

@@ -39,10 +39,17 @@ class Push:
     # s; when the hand starts from its standoff, and how long it pushes from then on.
     start: float = 1.0
     hold: float = 2.0
+    # m; the person stops this far past the surface and resists what moves the hand from there. 0: goes on pushing.
+    depth: float = 0.0
+    # m/s; speed of the hand from its standoff on. 0: that of `HumanHand`.
+    speed: float = 0.0
+    # N/m and Ns/m; spring and damper of the arm in this push. 0: those of `HandParameters`.
+    stiffness: float = 0.0
+    damping: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(self, "force", "hold")
-        require_non_negative(self, "start")
+        require_non_negative(self, "start", "depth", "speed", "stiffness", "damping")
         for name in ("aim", "direction"):
             if np.shape(getattr(self, name)) != (3,):
                 raise ParameterError(name, f"needs three numbers, got {getattr(self, name)}")
@@ -127,7 +134,8 @@ class HumanHand(LeafSystem):
 
     Each push goes from a standoff outside the robot towards its target at a steady speed. The spring pulls the hand
     along the push with no more than the push's force, so that it reaches that force and keeps it; across, and when
-    coming and going, it is a plain spring and damper. With `force_profile` the person aims so far into the robot that
+    coming and going, it is a plain spring and damper. A push with a depth goes no farther than that, so that the hand
+    resists like a spring. With `force_profile` the person aims so far into the robot that
     spring and robot balance at that force.
 
     Parameters
@@ -207,7 +215,8 @@ class HumanHand(LeafSystem):
             left = _minimum_jerk((elapsed - push.hold) / self.RETREAT_TIME)
             return memory.p_release + left * (standoff - memory.p_release), target.R_WH
         if elapsed >= 0.0:
-            return standoff + target.direction * min(self.SPEED * elapsed, 2.0 * self.STANDOFF), target.R_WH
+            travel = self.STANDOFF + (push.depth or self.STANDOFF)
+            return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travel), target.R_WH
         if memory.previous is None:
             return standoff, target.R_WH
         s = _minimum_jerk(1.0 + elapsed / self.TRAVEL_TIME)
@@ -231,11 +240,13 @@ class HumanHand(LeafSystem):
         if wanted is not None:
             p_touch = memory.target.p_WT + params.finger_radius * memory.target.n_W
             p_set = p_touch + self._stretch * wanted
-        spring = params.stiffness * (p_set - p_WH)
+        stiffness = (pushing and push.stiffness) or params.stiffness
+        damping = (pushing and push.damping) or params.damping
+        spring = stiffness * (p_set - p_WH)
         if pushing and wanted is None:
             along = float(memory.target.direction @ spring)
             spring += (min(along, push.force) - along) * memory.target.direction
-        force = spring - params.damping * v_WH
+        force = spring - damping * v_WH
         R_WH = Quaternion(wxyz=q_WH / np.linalg.norm(q_WH)).rotation()
         error = RotationMatrix(R_set @ R_WH.T).ToAngleAxis()
         torque = params.turn_stiffness * error.angle() * error.axis() - params.turn_damping * w_WH

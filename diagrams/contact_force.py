@@ -1,0 +1,246 @@
+"""A person touches the arm, which keeps the force of the contact at 15 N (Section 7, Fig. 15 and 16)."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from saphari_drake.control.contact_force import ContactForceControlParameters
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation import contact_analysis as touches_of
+from saphari_drake.simulation import force_analysis as judge
+from saphari_drake.simulation.contact_cell import ContactCell, ContactCellParameters, add_contact_cell
+from saphari_drake.simulation.contact_run import (
+    aimed,
+    load_robot,
+    median,
+    record_contact,
+    replay_contact,
+    simulate,
+    timing,
+)
+from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
+from saphari_drake.simulation.human_hand import Push
+from saphari_drake.simulation.recorder import Recorder
+
+CASES = {
+    "drift": "15 N along a fixed Y: regulated while the person pushes along Y, drift cut off when along X",
+    "compatible": "15 N along the estimated force; pushes on links 3, 5 and 6 in turn",
+}
+# N/m and Ns/m; a hand that resists, as a person's arm does.
+STIFFNESS, DAMPING = 100.0, 20.0
+
+
+@dataclass
+class ContactForceScenario:
+    """Everything a run depends on."""
+
+    case: str = "compatible"
+    # Seed of the camera's noise and of where the person aims.
+    seed: int = 0
+    # s
+    duration: float = 18.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
+    # m; the person misses the aimed point by up to this in each direction.
+    aim_spread: float = 0.006
+    pushes: list[Push] = field(default_factory=list)
+    system: ContactCellParameters = field(default_factory=ContactCellParameters)
+
+
+def resisting(
+    link: str, aim: list[float], direction: list[float], finger: list[float], start: float, hold: float = 6.0
+) -> Push:
+    """Return the push of a hand that goes 0.2 m past the surface and resists there like a spring."""
+    return Push(link, aim, direction, finger, 40.0, start, hold, 0.2, 0.1, STIFFNESS, DAMPING)
+
+
+def scenario_for(case: str) -> ContactForceScenario:
+    """Return the scenario of a case."""
+    scenario = ContactForceScenario(case=case)
+    pipeline = scenario.system.pipeline
+    control = ContactForceControlParameters(hand_stiffness=STIFFNESS, hand_damping=DAMPING)
+    pipeline.controller = control
+    pipeline.observer.gain = 100.0
+    # Nothing is to return: the robot stays where it is released.
+    pipeline.monitor.return_timeout = 0.3
+    if case == "compatible":
+        scenario.duration = 23.0
+        scenario.pushes = [
+            resisting("link_3", [0.0, 0.0, 0.1], [1.0, 0.0, -0.3], [0.5, 0.6, -0.6], 0.5),
+            resisting("link_5", [0.0, 0.0, 0.08], [1.0, 0.0, 0.0], [0.3, -0.7, -0.65], 8.0),
+            resisting("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 15.5),
+        ]
+    elif case == "drift":
+        scenario.duration = 12.5
+        control.direction, control.fixed_force = "fixed", [0.0, 15.0, 0.0]
+        scenario.home[0] = -90.0
+        # The whole force comes at once; a slower change of law keeps it from stopping the robot where it is resisted.
+        control.transition_time = 0.3
+        scenario.pushes = [
+            resisting("link_6", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [], 0.5),
+            resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5),
+        ]
+    return scenario
+
+
+@dataclass
+class Setup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: ContactForceScenario
+    robot: RobotModel
+    pushes: list[Push]
+    diagram: Diagram
+    parts: ContactCell
+    recorder: Recorder
+
+
+def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Setup:
+    """Build the diagram of a scenario, with its recorder."""
+    robot = load_robot(scenario.robot, scenario.home)
+    pushes = aimed(scenario.pushes, scenario.seed, scenario.aim_spread)
+    scenario.system.sampler.noise.seed = scenario.seed
+    builder = DiagramBuilder()
+    parts = add_contact_cell(builder, robot, pushes, scenario.system)
+    recorder = record_contact(builder, parts, scenario.system.pipeline.joint_sensor.period)
+    controller = parts.pipeline.controller
+    hidden = parts.pipeline.force.GetOutputPort("unobservable_directions")
+    recorder.add("unobservable", hidden, "1")
+    recorder.add("desired_force", controller.GetOutputPort("desired_force"), "N")
+    recorder.add("force_error", controller.GetOutputPort("force_error"), "N")
+    recorder.add("contact_velocity", controller.GetOutputPort("contact_velocity"), "m/s")
+    recorder.add("force_status", controller.GetOutputPort("force_status"), "ForceStatus")
+    recorder.add("stop_velocity", controller.GetOutputPort("stop_velocity"), "m/s")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder)
+
+
+def build_diagram(scenario: ContactForceScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return build(scenario).diagram
+
+
+def run(scenario: ContactForceScenario, options: RunOptions) -> Outcome:
+    """Run a scenario and judge it."""
+    setup = build(scenario, options.meshcat)
+    simulator, depth, wall = simulate(
+        setup.diagram, setup.parts, setup.pushes, scenario.duration, scenario.case, options
+    )
+    log = setup.recorder.log(setup.diagram, simulator.get_context())
+    metrics = judged(setup, log) + timing(setup.robot, scenario.system, log, depth, scenario.duration, wall)
+    return Outcome(metrics, log, lambda: figure(setup, log), lambda path: replay(setup, log, path))
+
+
+def judged(setup: Setup, log: Log) -> list[Metric]:
+    """Return the metrics of the contract, and those that explain them."""
+    robot, control = setup.robot, setup.scenario.system.pipeline.controller
+    touches = touches_of.find_touches(log, robot, setup.pushes)
+    speed = np.linalg.norm(judge.true_velocity(log, robot), axis=1)
+    metrics = drift_metrics(setup, log, touches) if control.direction == "fixed" else force_metrics(log, touches)
+    still = max(judge.motion(log, robot, rows) for rows in judge.untouched(log))
+    errors = touches_of.localization_errors(log)
+    jump = np.abs(np.diff(log["torque"], axis=0)).max()
+    return [
+        *metrics,
+        Metric("motion_without_touch_m", still, "m", high=0.001, reported="at rest"),
+        Metric("max_speed", float(speed.max()), "m/s", high=control.speed_limit),
+        Metric("localization_error_m", median(errors), "m"),
+        Metric("link_correct", touches_of.link_correct(log), "1"),
+        Metric("torque_step_max_Nm", float(jump), "Nm"),
+        Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
+    ]
+
+
+def force_metrics(log: Log, touches: list[touches_of.Touch]) -> list[Metric]:
+    """Return the errors of the contact force's size, of all touches and of each."""
+    desired = log["desired_force"]
+    metrics, errors = [], []
+    for touch in touches:
+        shown, whole, estimated = judge.steady_norms(log, touch)
+        rows = touches_of.steady(log, touch)
+        wanted = float(np.linalg.norm(desired[rows], axis=1).mean())
+        errors.append(abs(shown - wanted))
+        name = touch.push.link
+        metrics.append(Metric(f"force_norm_{name}_N", shown, "N", reported="15 N"))
+        if abs(whole - shown) > 0.01:
+            metrics.append(Metric(f"force_norm_{name}_with_unobservable_N", whole, "N"))
+        metrics.append(Metric(f"force_estimate_norm_{name}_N", estimated, "N"))
+    return [Metric("force_norm_error_N", float(np.max(errors)), "N", high=0.5, reported="about 1 N"), *metrics]
+
+
+def drift_metrics(setup: Setup, log: Log, touches: list[touches_of.Touch]) -> list[Metric]:
+    """Return the error of the force that is resisted, and the drift along the one that is not."""
+    control = setup.scenario.system.pipeline.controller
+    wanted = np.array(control.fixed_force)
+    unit, size = wanted / np.linalg.norm(wanted), float(np.linalg.norm(wanted))
+    rows = touches_of.steady(log, touches[0])
+    held = float((log["contact_truth"][rows, :3] @ unit).mean())
+    drift = judge.find_drift(log, setup.robot, touches[1])
+    time = log.time[drift.rows]
+    axis = int(np.argmax(np.abs(unit)))
+    K_f, K_d = np.broadcast_to(control.K_f, 3)[axis], np.broadcast_to(control.K_d, 3)[axis]
+    mass = control.M_d[axis]
+    speed = -drift.velocity @ unit
+    missing = size - log["contact_truth"][drift.rows, :3] @ unit
+    expected = judge.expected_drift_speed(missing, K_f, K_d, mass, time, control.transition_time)
+    free = judge.free_drift_speed(size, K_f, K_d, mass, time[-1:] - time[0])[0]
+    return [
+        Metric("force_along_desired_error_N", abs(held - size), "N", high=0.5, reported="regulated"),
+        Metric("drift_speed", speed[-1], "m/s", low=0.0, reported="drifts against F_d"),
+        Metric("drift_speed_expected", expected[-1], "m/s"),
+        Metric("drift_speed_expected_at_once", free, "m/s"),
+        Metric("drift_speed_error_relative", abs(speed[-1] / expected[-1] - 1.0), "1", high=0.15),
+        Metric("drift_time_s", time[-1] - time[0], "s"),
+        Metric("drift_stopped", float(drift.stopped), "1", 1.0, 1.0),
+    ]
+
+
+def figure(setup: Setup, log: Log):
+    """Return the figure laid out as Fig. 15 or 16 of the deliverable."""
+    log.add("force_norm", np.linalg.norm(log["contact_force"], axis=1), "N")
+    log.add("force_norm_true", np.linalg.norm(log["contact_truth"][:, :3], axis=1), "N")
+    drift = setup.scenario.case == "drift"
+    limit = setup.scenario.system.pipeline.controller.speed_limit
+    force = [Line("force_norm", label="‖F̂‖"), Line("force_norm_true", label="‖F‖ (true)", color="black", style=":")]
+    stopped = log["force_status"][:, 0] == 5
+    return time_panels(
+        log,
+        [
+            Panel("Residual", ["residual"], "r [Nm]"),
+            Panel("Modulus of the contact force", force, "F [N]", {"15 N": 15.0}),
+            Panel("Contact velocity", ["contact_velocity"], "v [m/s]", {"limit": limit, "": -limit}),
+        ],
+        f"Contact force control, {CASES[setup.scenario.case]} (layout of Fig. {15 if drift else 16})",
+        [
+            Shade(intervals(log.time, np.isin(log["force_status"][:, 0], (1, 2))), "force controlled"),
+            Shade(intervals(log.time, stopped), "speed stop", "#CC79A7"),
+        ],
+    )
+
+
+def replay(setup: Setup, log: Log, path: Path) -> None:
+    """Write the run as a page that plays offline."""
+    title = f"Contact force: {setup.scenario.case} (orange: estimated, green: true)"
+    replay_contact(setup.robot, setup.scenario.system, log, path, title)
+
+
+EXPERIMENT = Experiment(
+    name="contact_force",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+    accepts_model=True,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))
