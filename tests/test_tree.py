@@ -16,7 +16,7 @@ def robot(request, load_arm):
     return load_arm(request.param)
 
 
-def agree(actual, expected, tolerance=1e-9):
+def assert_agree(actual, expected, tolerance=1e-9):
     np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance)
 
 
@@ -36,10 +36,10 @@ def test_dynamics_equal_drakes(robot, plant):
         plant.SetVelocities(context, v)
         terms = evaluate_dynamics(robot, q, v)
         M = plant.CalcMassMatrix(context)
-        agree(terms.M, M)
-        agree(terms.Cv, plant.CalcBiasTerm(context))
-        agree(terms.g, -plant.CalcGravityGeneralizedForces(context))
-        agree(terms.p, M @ v)
+        assert_agree(terms.M, M)
+        assert_agree(terms.Cv, plant.CalcBiasTerm(context))
+        assert_agree(terms.g, -plant.CalcGravityGeneralizedForces(context))
+        assert_agree(terms.p, M @ v)
 
 
 def test_kinematics_equal_drakes(robot, plant):
@@ -55,14 +55,14 @@ def test_kinematics_equal_drakes(robot, plant):
             p_LC = rng.uniform(-0.3, 0.3, 3)
             point = terms.point(link, p_LC)
             X_WL = frame.CalcPoseInWorld(context)
-            agree(terms.R_WL[link], X_WL.rotation().matrix())
-            agree(point.p_WC, X_WL @ p_LC)
-            agree(point_position(robot, q, link, p_LC), point.p_WC)
+            assert_agree(terms.R_WL[link], X_WL.rotation().matrix())
+            assert_agree(point.p_WC, X_WL @ p_LC)
+            assert_agree(point_position(robot, q, link, p_LC), point.p_WC)
             J = plant.CalcJacobianTranslationalVelocity(context, wrt, frame, p_LC, world, world)
-            agree(point.Jv_WC, J)
-            agree(point.v_WC, J @ v)
+            assert_agree(point.Jv_WC, J)
+            assert_agree(point.v_WC, J @ v)
             bias = plant.CalcBiasTranslationalAcceleration(context, wrt, frame, p_LC, world, world)
-            agree(point.Jdotv_WC, bias.ravel())
+            assert_agree(point.Jdotv_WC, bias.ravel())
 
 
 def test_dynamics_equal_pinocchios(robot):
@@ -71,7 +71,7 @@ def test_dynamics_equal_pinocchios(robot):
     for q, v in states(robot, STATES, seed=2):
         terms = evaluate_dynamics(robot, q, v)
         for actual, expected in zip((terms.M, terms.Cv, terms.CTv, terms.g), twin.dynamics(q, v), strict=True):
-            agree(actual, expected)
+            assert_agree(actual, expected)
 
 
 def test_kinematics_equal_pinocchios(robot):
@@ -80,7 +80,7 @@ def test_kinematics_equal_pinocchios(robot):
         link, p_LC = int(rng.integers(robot.n)), rng.uniform(-0.3, 0.3, 3)
         actual = evaluate_dynamics(robot, q, v).point(link, p_LC)
         for one, other in zip(actual, twin.point(q, v, link, p_LC), strict=True):
-            agree(one, other)
+            assert_agree(one, other)
 
 
 def test_inertia_matrix_rate_is_c_plus_its_transpose(robot):
@@ -89,7 +89,7 @@ def test_inertia_matrix_rate_is_c_plus_its_transpose(robot):
     for q, v in states(robot, 20, seed=4):
         terms = evaluate_dynamics(robot, q, v)
         M_dot = (evaluate_dynamics(robot, q + h * v, v).M - evaluate_dynamics(robot, q - h * v, v).M) / (2 * h)
-        agree(terms.Cv + terms.CTv, M_dot @ v, 1e-7)
+        assert_agree(terms.Cv + terms.CTv, M_dot @ v, 1e-7)
 
 
 def test_transposed_coriolis_term_is_the_gradient_of_kinetic_energy(robot):
@@ -100,7 +100,7 @@ def test_transposed_coriolis_term_is_the_gradient_of_kinetic_energy(robot):
             [0.5 * v @ evaluate_dynamics(robot, q + s * h * e, v).M @ v for s in (1, -1)] for e in np.eye(robot.n)
         ]
         gradient = (np.array(energy)[:, 0] - np.array(energy)[:, 1]) / (2 * h)
-        agree(evaluate_dynamics(robot, q, v).CTv, gradient, 1e-6)
+        assert_agree(evaluate_dynamics(robot, q, v).CTv, gradient, 1e-6)
 
 
 def test_jacobian_and_its_rate_are_derivatives(robot):
@@ -112,9 +112,9 @@ def test_jacobian_and_its_rate_are_derivatives(robot):
             (point_position(robot, q + h * e, link, p_LC) - point_position(robot, q - h * e, link, p_LC)) / (2 * h)
             for e in np.eye(robot.n)
         ]
-        agree(point.Jv_WC, np.array(columns).T, 1e-7)
+        assert_agree(point.Jv_WC, np.array(columns).T, 1e-7)
         ahead, behind = (evaluate_dynamics(robot, q + s * h * v, v).point(link, p_LC).v_WC for s in (1, -1))
-        agree(point.Jdotv_WC, (ahead - behind) / (2 * h), 1e-7)
+        assert_agree(point.Jdotv_WC, (ahead - behind) / (2 * h), 1e-7)
 
 
 def test_inverse_dynamics_equal_drakes(robot, plant):
@@ -126,4 +126,4 @@ def test_inverse_dynamics_equal_drakes(robot, plant):
         vdot = rng.uniform(-5.0, 5.0, robot.n)
         terms, forces = evaluate_dynamics(robot, q, v), MultibodyForces(plant)
         forces.mutable_generalized_forces()[:] = plant.CalcGravityGeneralizedForces(context)
-        agree(terms.M @ vdot + terms.Cv + terms.g, plant.CalcInverseDynamics(context, vdot, forces))
+        assert_agree(terms.M @ vdot + terms.Cv + terms.g, plant.CalcInverseDynamics(context, vdot, forces))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import sys
@@ -23,12 +24,11 @@ def import_open3d() -> ModuleType:
         If Open3D cannot be imported; the message says what to install.
     """
     if sys.platform == "linux":
-        try:
+        # Without the package the system's libusb-1.0 serves; without either, the import below fails and says so.
+        with contextlib.suppress(ImportError, OSError):
             import libusb_package
 
             ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-        except (ImportError, OSError):
-            pass  # the system's libusb-1.0 serves as well; without either the import below fails and says so
     try:
         import open3d
     except (ImportError, OSError) as error:

@@ -7,6 +7,7 @@ Values are checked against the annotations of the fields, which may be strings (
 from __future__ import annotations
 
 import copy
+import contextlib
 import dataclasses
 import types
 import typing
@@ -201,10 +202,8 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
     if hint is type(None) and value is None:
         return None
     if hint is float and (number or isinstance(value, str)):
-        try:
+        with contextlib.suppress(ValueError):
             return float(value)  # YAML 1.1 reads 1e-4 as text
-        except ValueError:
-            pass
     if hint is int and number and float(value).is_integer():
         return int(value)
     if (hint is bool and isinstance(value, bool)) or (hint is str and isinstance(value, str)):
