@@ -104,7 +104,7 @@ def replay_contact(
     path: Path,
     title: str,
     more: Sequence[Arrow | Marker] = (),
-    camera: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-1.3, 1.5, 1.2), (0.0, 0.35, 0.5)),
+    camera: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.85, 1.2, 0.95), (0.0, 0.4, 0.55)),
 ) -> None:
     """Write the run as a page that plays offline: arm, hand, estimated contact, estimated and true force."""
 
