@@ -74,7 +74,14 @@ def test_an_unknown_link_lists_those_that_exist(robot):
 
 @pytest.mark.parametrize(
     "field, value",
-    [("force", -1.0), ("hold", 0.0), ("start", -0.1), ("aim", [0.0]), ("direction", [0.0, 0.0, 0.0]), ("finger", [1.0])],
+    [
+        ("force", -1.0),
+        ("hold", 0.0),
+        ("start", -0.1),
+        ("aim", [0.0]),
+        ("direction", [0.0, 0.0, 0.0]),
+        ("finger", [1.0]),
+    ],
 )
 def test_bad_pushes_name_the_field(field, value):
     """Each field is checked."""
