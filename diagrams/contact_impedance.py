@@ -235,7 +235,7 @@ def figure(setup: Setup, log: Log):
 
 def replay(setup: Setup, log: Log, path: Path) -> None:
     """Write the run as a page that plays offline."""
-    title = f"Contact impedance: {setup.scenario.case} (orange: estimated, green: true)"
+    title = f"Contact impedance: {setup.scenario.case} (blue: estimated, green: true)"
     replay_contact(setup.robot, setup.scenario.system, log, path, title)
 
 

@@ -20,7 +20,7 @@ from saphari_drake.simulation.recorder import Recorder
 from saphari_drake.simulation.replay import Arrow, Marker, write_replay
 
 Array = NDArray[np.float64]
-ORANGE, GREEN = (0.84, 0.37, 0.0), (0.0, 0.62, 0.45)
+BLUE, GREEN = (0.0, 0.25, 0.80), (0.0, 0.62, 0.45)
 ARROW_SCALE = 0.008  # m/N
 
 
@@ -117,8 +117,8 @@ def replay_contact(
     # Arrows end at the contact, as a push does.
     tail = log["contact_position"] - scale * log["contact_force"]
     overlays = [
-        Marker("estimated contact", log["contact_position"], 0.012, ORANGE, answered),
-        Arrow("estimated force", tail, log["contact_force"], scale, ORANGE, answered),
+        Marker("estimated contact", log["contact_position"], 0.012, BLUE, answered),
+        Arrow("estimated force", tail, log["contact_force"], scale, BLUE, answered),
         Arrow("true force", truth[:, 3:6] - scale * truth[:, :3], truth[:, :3], scale, GREEN, touched, 0.004),
         *more,
     ]
