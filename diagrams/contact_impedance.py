@@ -228,7 +228,7 @@ def figure(setup: Setup, log: Log):
             Panel("Contact force: estimate and truth", force + truth, "F [N]"),
             Panel("Contact position error", [Line("position_error", scale=1e3)], "e [mm]"),
         ],
-        f"Contact impedance, {CASES[setup.scenario.case]} (layout of Fig. {number})",
+        f"Contact impedance, {CASES[setup.scenario.case]}\n(layout of Fig. {number})",
         Shade(intervals(log.time, log["mode"][:, 0] == 1), "in contact"),
     )
 
