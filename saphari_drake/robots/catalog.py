@@ -25,7 +25,13 @@ def lwr4(X_WB: RigidTransform | None = None) -> RobotModel:
     return RobotModel(models_dir() / "lwr4" / "lwr4.urdf", X_WB=X_WB, home=home)
 
 
-CATALOG = {"lwr4": lwr4}
+def planar_6r(X_WB: RigidTransform | None = None) -> RobotModel:
+    """Return the planar arm of Section 4, six unit links in the plane z = 0, home at (0, 0, 0, 0, 10, −30) deg."""
+    home = np.deg2rad([0.0, 0.0, 0.0, 0.0, 10.0, -30.0])
+    return RobotModel(models_dir() / "planar_6r" / "planar_6r.urdf", X_WB=X_WB, home=home)
+
+
+CATALOG = {"lwr4": lwr4, "planar_6r": planar_6r}
 
 
 def load(name_or_path: str, X_WB: RigidTransform | None = None) -> RobotModel:
