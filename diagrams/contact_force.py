@@ -8,7 +8,8 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from saphari_drake.control.contact_force import ContactForceControlParameters
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
+from saphari_drake.control.force_stability import hand_stiffness_limits
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation import contact_analysis as touches_of
 from saphari_drake.simulation import force_analysis as judge
@@ -55,10 +56,10 @@ class ContactForceScenario:
 
 
 def resisting(
-    link: str, aim: list[float], direction: list[float], finger: list[float], start: float, hold: float = 6.0
+    link: str, aim: list[float], direction: list[float], finger: list[float], start: float, hold: float, depth: float
 ) -> Push:
-    """Return the push of a hand that goes 0.2 m past the surface and resists there like a spring."""
-    return Push(link, aim, direction, finger, 40.0, start, hold, 0.2, 0.1, STIFFNESS, DAMPING)
+    """Return the push of a hand that goes as deep past the surface (m) and resists there like a spring."""
+    return Push(link, aim, direction, finger, 40.0, start, hold, depth, 0.1, STIFFNESS, DAMPING)
 
 
 def scenario_for(case: str) -> ContactForceScenario:
@@ -73,9 +74,9 @@ def scenario_for(case: str) -> ContactForceScenario:
     if case == "compatible":
         scenario.duration = 23.0
         scenario.pushes = [
-            resisting("link_3", [0.0, 0.0, 0.1], [1.0, 0.0, -0.3], [0.5, 0.6, -0.6], 0.5),
-            resisting("link_5", [0.0, 0.0, 0.08], [1.0, 0.0, 0.0], [0.3, -0.7, -0.65], 8.0),
-            resisting("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 15.5),
+            resisting("link_3", [0.0, 0.0, 0.1], [1.0, 0.0, -0.3], [0.5, 0.6, -0.6], 0.5, 6.0, 0.2),
+            resisting("link_5", [0.0, 0.0, 0.08], [1.0, 0.0, 0.0], [0.3, -0.7, -0.65], 8.0, 6.0, 0.2),
+            resisting("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 15.5, 6.0, 0.2),
         ]
     elif case == "drift":
         scenario.duration = 12.5
@@ -84,8 +85,8 @@ def scenario_for(case: str) -> ContactForceScenario:
         # The whole force comes at once; a slower change of law keeps it from stopping the robot where it is resisted.
         control.transition_time = 0.3
         scenario.pushes = [
-            resisting("link_6", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [], 0.5),
-            resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5),
+            resisting("link_6", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [], 0.5, 6.0, 0.15),
+            resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5, 0.2),
         ]
     return scenario
 
@@ -141,7 +142,8 @@ def run(scenario: ContactForceScenario, options: RunOptions) -> Outcome:
 
 def judged(setup: Setup, log: Log) -> list[Metric]:
     """Return the metrics of the contract, and those that explain them."""
-    robot, control = setup.robot, setup.scenario.system.pipeline.controller
+    robot, pipeline = setup.robot, setup.scenario.system.pipeline
+    control, K_I = pipeline.controller, float(np.min(pipeline.observer.gain))
     touches = touches_of.find_touches(log, robot, setup.pushes)
     speed = np.linalg.norm(judge.true_velocity(log, robot), axis=1)
     metrics = drift_metrics(setup, log, touches) if control.direction == "fixed" else force_metrics(log, touches)
@@ -152,6 +154,14 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
         *metrics,
         Metric("motion_without_touch_m", still, "m", high=0.001, reported="at rest"),
         Metric("max_speed", float(speed.max()), "m/s", high=control.speed_limit),
+        # Below the stated stiffness of the hand, force control can oscillate with it, and a warning says so.
+        Metric(
+            "hand_stiffness_limit",
+            float(hand_stiffness_limits(control, K_I).min()),
+            "N/m",
+            low=control.hand_stiffness,
+            decides=False,
+        ),
         Metric("localization_error_m", median(errors), "m"),
         Metric("link_correct", touches_of.link_correct(log), "1"),
         Metric("torque_step_max_Nm", float(jump), "Nm"),
@@ -189,8 +199,8 @@ def drift_metrics(setup: Setup, log: Log, touches: list[touches_of.Touch]) -> li
     K_f, K_d = np.broadcast_to(control.K_f, 3)[axis], np.broadcast_to(control.K_d, 3)[axis]
     mass = control.M_d[axis]
     speed = -drift.velocity @ unit
-    missing = size - log["contact_truth"][drift.rows, :3] @ unit
-    expected = judge.expected_drift_speed(missing, K_f, K_d, mass, time, control.transition_time)
+    missing = size - log["contact_force"][drift.rows] @ unit
+    expected = judge.expected_drift_speed(missing, K_f, K_d, mass, time, control.transition_time, speed)
     free = judge.free_drift_speed(size, K_f, K_d, mass, time[-1:] - time[0])[0]
     return [
         Metric("force_along_desired_error_N", abs(held - size), "N", high=0.5, reported="regulated"),
@@ -228,8 +238,12 @@ def figure(setup: Setup, log: Log):
 
 def replay(setup: Setup, log: Log, path: Path) -> None:
     """Write the run as a page that plays offline."""
-    title = f"Contact force: {setup.scenario.case} (orange: estimated, green: true)"
-    replay_contact(setup.robot, setup.scenario.system, log, path, title)
+    title = f"Contact force: {setup.scenario.case} (blue: estimated, green: true)"
+    if setup.scenario.case == "drift":
+        camera = (-1.3, -1.5, 1.2), (0.0, -0.35, 0.5)
+    else:
+        camera = (-1.3, 1.5, 1.2), (0.0, 0.35, 0.5)
+    replay_contact(setup.robot, setup.scenario.system, log, path, title, camera=camera)
 
 
 EXPERIMENT = Experiment(

@@ -1,6 +1,6 @@
 """Force control of a contact anywhere on the arm, eq. (58)–(60) and (62)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,92 +8,18 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
 from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque, posture_torque
 from saphari_drake.control.force_gate import ForceGate
 from saphari_drake.control.torque_limits import limit_torque
-from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
-from saphari_drake.parameters import (
-    diagonal,
-    positive_definite,
-    require_choice,
-    require_non_negative,
-    require_positive,
-)
+from saphari_drake.parameters import diagonal, positive_definite
 from saphari_drake.port_values import ContactPoint, ForceStatus, Immutable, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
-
-
-@dataclass
-class ContactForceControlParameters:
-    """Force at the contact, and the behaviour without one. Gains: the deliverable, unless marked."""
-
-    # "aligned": the desired force points along the estimated one, so that the person always resists it; "fixed": it
-    # points in a fixed direction of the world, and the robot drifts where nobody resists.
-    direction: str = "aligned"
-    # N; size of the aligned desired force.
-    desired_force: float = 15.0
-    # N; the fixed desired force in the world.
-    fixed_force: list[float] = field(default_factory=lambda: [0.0, 15.0, 0.0])
-    # Gain on the force error along the world's axes; one value or three.
-    K_f: list[float] | float = 4.1
-    # Ns/m, damping at the contact along the world's axes; one value or three.
-    K_d: list[float] | float = 10.5
-    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57). Chosen equal in all directions, so
-    # that the contact moves along the force error; the deliverable does not give it. A.
-    M_d: list[float] = field(default_factory=lambda: [10.0, 10.0, 10.0])
-    # 1/s, damping of self-motion; one value or one a joint.
-    K_N: list[float] | float = 15.0
-    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. A.
-    gate_on: float = 3.0
-    gate_off: float = 1.5
-    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
-    force_rate: float = 10.0
-    # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
-    max_deficit: float = 4.0
-    # m/s; the contact point never moves faster: a speed that would reach it within the next `stop_lead` seconds stops
-    # the robot until it is released. ISO 10218 limits manual guidance to the same.
-    speed_limit: float = 0.25
-    stop_lead: float = 0.02
-    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
-    misfit_lever: float = 0.03
-    # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
-    hold_stiffness: list[float] | float = 225.0
-    # 1/s, damping over inertia of the held posture, and while braking. A.
-    hold_damping: list[float] | float = 30.0
-    # 1/s, damping over inertia while yielding, or without a camera. A.
-    yield_damping: list[float] | float = 10.0
-    # s, time constant with which the torque of the law that was left fades; the second holds while braking. A.
-    transition_time: float = 0.1
-    brake_time: float = 0.01
-    # kg, bound of the effective mass near singular directions of the contact. A.
-    max_effective_mass: float = 50.0
-    # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
-    hand_stiffness: float = 0.0
-    hand_damping: float = 0.0
-    # s; the control cycle.
-    period: float = 0.005
-
-    def __post_init__(self) -> None:
-        require_choice(self, "direction", ("aligned", "fixed"))
-        for name in ("K_f", "K_d"):
-            diagonal(getattr(self, name), 3, name)
-        for name in ("K_N", "hold_stiffness", "hold_damping", "yield_damping"):
-            value = getattr(self, name)
-            diagonal(value, np.size(value), name)
-        if len(self.M_d):
-            positive_definite(self.M_d, 3, "M_d")
-        if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
-            raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
-        require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
-        require_positive(self, "transition_time", "brake_time", "max_effective_mass", "period")
-        require_non_negative(self, "force_rate", "misfit_lever", "hand_stiffness", "hand_damping")
-        if self.gate_off >= self.gate_on:
-            raise ParameterError("gate_off", f"must be below gate_on, {self.gate_on} N, got {self.gate_off}")
 
 
 class ForceGains(NamedTuple):
@@ -227,14 +153,14 @@ class ContactForceController(LeafSystem):
     force_error : 3 (N, world), F̂ − F_d; zero while no force is controlled.
     contact_position, contact_velocity : 3 (m, m/s, world), of the contact point; zero without one.
     force_status : 1, a `ForceStatus`; says whether the force is controlled, in which directions, or why not.
-    stop_velocity : 3 (m/s, world), the velocity that the speed stop foresaw when it acted; zero without a stop.
+    stop_velocity : 3 (m/s, world), the velocity for which the speed stop acted; zero without a stop.
 
     In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
     In hold: `posture_torque` at the latched posture. Yielding, or without a camera: damping, Coriolis and gravity
     terms alone. A change of law makes no jump: the difference is added, and fades.
 
-    Speed stop: ‖ẋ_c + stop_lead ẍ_c‖ above the limit ends the force control in favour of braking, until the contact is
-    released. It has to look ahead: a force of 15 N that nobody resists moves a light contact at 10 m/s² and more.
+    Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
+    contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more.
     """
 
     def __init__(self, robot: RobotModel, params: ContactForceControlParameters | None = None) -> None:
@@ -302,24 +228,25 @@ class ContactForceController(LeafSystem):
             hidden = self._unobservable.Eval(context).reshape(3, 3).T
             wanted = gate.size * F / np.linalg.norm(F) if self._aligned else self._fixed
             F_d = observable_part(wanted, hidden)
-            parts, acceleration = contact_force_torque(
-                terms, point, F, F_d, self._misfit.Eval(context), self.gains
-            )
-            gate = gate.checked(point.v_WC + self._params.stop_lead * acceleration, self._params.speed_limit)
+            parts, acceleration = contact_force_torque(terms, point, F, F_d, self._misfit.Eval(context), self.gains)
             status, error = ForceStatus.PARTIAL if np.any(hidden) else ForceStatus.CONTROLLED, F - F_d
+            law = (_LAWS[status], interaction.onset, interaction.contact.link)
+            parts = memory.handover.into(law, parts)
+            acceleration = acceleration + point.Jv_WC @ np.linalg.solve(terms.M, parts.transition)
+            gate = gate.checked(point.v_WC, acceleration, self._params)
         if not gate.open:
             F_d, error, status = none, none, gate.status(interaction.mode)
-            if interaction.mode == InteractionMode.HOLD:
-                parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
-            else:
-                yields = status in (ForceStatus.UNSEEN, ForceStatus.NO_CAMERA)
-                damping = self._yield_damping if yields else self._hold_damping
-                parts = posture_torque(terms, terms.q, self._hold, damping)
-        law = (_LAWS[status], interaction.onset, interaction.contact.link)
-        parts = memory.handover.into(law, parts)
+            law = (_LAWS[status], interaction.onset, interaction.contact.link)
+            parts = memory.handover.into(law, self._without_force(terms, interaction, law))
         torque, excess = limit_torque(parts.total(), self._robot.tau_max)
         p_WC, v_WC = (none, none) if point is None else (point.p_WC, point.v_WC)
         return _Output(parts, torque, excess, F_d, error, p_WC, v_WC, status, law, gate)
+
+    def _without_force(self, terms: DynamicsTerms, interaction: Interaction, law: Law) -> TorqueTerms:
+        if law[0] == "hold":
+            return posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
+        damping = self._hold_damping if law[0] == "brake" else self._yield_damping
+        return posture_torque(terms, terms.q, self._hold, damping)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Output = self._output.Eval(context)

@@ -1,25 +1,15 @@
 """When a contact force is controlled: a gate on its size, and a stop for contacts that become too fast."""
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
 from saphari_drake.port_values import ForceStatus, Immutable, InteractionMode
 
 Array = NDArray[np.float64]
-
-
-class GateParameters(Protocol):
-    """What the gate reads from the controller's parameters."""
-
-    desired_force: float
-    gate_on: float
-    gate_off: float
-    force_rate: float
-    max_deficit: float
-    period: float
 
 
 @dataclass(frozen=True)
@@ -35,7 +25,7 @@ class ForceGate(Immutable):
     stopped : bool
         Whether the speed stop has acted; it holds until the contact is released.
     stop_velocity : (3,) array
-        Velocity of the contact that it foresaw (m/s, world).
+        Velocity of the contact, measured or foreseen, for which it acted (m/s, world).
     """
 
     open: bool = False
@@ -43,7 +33,7 @@ class ForceGate(Immutable):
     stopped: bool = False
     stop_velocity: Array = field(default_factory=lambda: np.zeros(3))
 
-    def after(self, mode: InteractionMode, force: float, params: GateParameters) -> Self:
+    def after(self, mode: InteractionMode, force: float, params: ContactForceControlParameters) -> Self:
         """Return the gate of the next cycle, with the estimated force of size `force` (N).
 
         The desired size starts from the estimate, goes to its final value at the force rate, and never exceeds the
@@ -61,11 +51,14 @@ class ForceGate(Immutable):
             size = start + float(np.clip(size - start, -step, step))
         return replace(self, open=True, size=min(size, force + params.max_deficit))
 
-    def checked(self, velocity: Array, limit: float) -> Self:
-        """Return the gate, stopped if the foreseen velocity (3,) of the contact is not below the limit (m/s)."""
-        if np.linalg.norm(velocity) < limit:
+    def checked(self, velocity: Array, acceleration: Array, params: ContactForceControlParameters) -> Self:
+        """Return the gate, stopped if velocity and acceleration (3,) of the contact bring it near the speed limit."""
+        foreseen = velocity + params.stop_lead * acceleration
+        worst = max(velocity, foreseen, key=lambda v: float(np.linalg.norm(v)))
+        # A velocity that is not a number stops.
+        if np.linalg.norm(foreseen) < np.inf and np.linalg.norm(worst) < params.stop_share * params.speed_limit:
             return self
-        return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(velocity))
+        return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(worst))
 
     def status(self, mode: InteractionMode) -> ForceStatus:
         """Return why no force is controlled."""

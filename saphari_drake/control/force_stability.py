@@ -4,10 +4,12 @@ import math
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saphari_drake.control.contact_force import ContactForceControlParameters
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
 from saphari_drake.errors import StabilityWarning
 
+Array = NDArray[np.float64]
 
 def max_hand_stiffness(
     K_d: float,
@@ -61,33 +63,42 @@ def max_hand_stiffness(
     return feedback * a / left if left > 0.0 else math.inf
 
 
-def check_hand(params: ContactForceControlParameters, observer_gain: float) -> list[str]:
-    """Warn if the stated hand is too stiff for the gains; return the warnings as text, empty if all is well.
+def hand_stiffness_limits(params: ContactForceControlParameters, observer_gain: float) -> Array:
+    """Return `max_hand_stiffness` along the world's axes (3,) for a hand with the stated damping (N/m).
 
-    It uses the contact that is the least stable: the heaviest that the controller reckons with.
+    They hold for the contact that is the least stable: the heaviest that the controller reckons with.
 
     Parameters
     ----------
     params :
-        Parameters of the controller; nothing is checked if its `hand_stiffness` is 0.
+        Parameters of the controller.
     observer_gain : float
         K_I (1/s), the smallest of all joints.
     """
-    messages: list[str] = []
-    if params.hand_stiffness == 0.0:
-        return messages
     heavy = params.max_effective_mass
     gains = (np.broadcast_to(value, 3) for value in (params.K_d, params.K_f, params.M_d or heavy))
-    for axis, K_d, K_f, mass in zip("XYZ", *gains):
-        limit = max_hand_stiffness(
-            K_d, K_f, observer_gain, mass, heavy, params.hand_damping, 0.5 * params.period
-        )
-        if params.hand_stiffness > limit:
-            messages.append(
-                f"a hand of {params.hand_stiffness:g} N/m and {params.hand_damping:g} Ns/m can oscillate along {axis}: "
-                f"with K_d = {K_d:g} Ns/m, K_f = {K_f:g} and an observer gain of {observer_gain:g} 1/s the limit is "
-                f"{limit:.0f} N/m"
-            )
+    delay = 0.5 * params.period
+    return np.array(
+        [
+            max_hand_stiffness(K_d, K_f, observer_gain, mass, heavy, params.hand_damping, delay)
+            for K_d, K_f, mass in zip(*gains)
+        ]
+    )
+
+
+def check_hand(params: ContactForceControlParameters, observer_gain: float) -> list[str]:
+    """Warn if the stated hand is stiffer than `hand_stiffness_limits`; return the warnings, empty if all is well.
+
+    Nothing is checked if the hand's stiffness is not stated.
+    """
+    if params.hand_stiffness == 0.0:
+        return []
+    messages = [
+        f"a hand of {params.hand_stiffness:g} N/m and {params.hand_damping:g} Ns/m can oscillate along {axis}: with "
+        f"these gains and an observer gain of {observer_gain:g} 1/s the limit is {limit:.0f} N/m"
+        for axis, limit in zip("XYZ", hand_stiffness_limits(params, observer_gain))
+        if params.hand_stiffness > limit
+    ]
     for message in messages:
         warnings.warn(message, StabilityWarning, stacklevel=2)
     return messages

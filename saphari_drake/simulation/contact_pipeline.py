@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem
 
-from saphari_drake.control.contact_force import ContactForceController, ContactForceControlParameters
+from saphari_drake.control.contact_force import ContactForceController
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
 from saphari_drake.control.contact_impedance import ContactImpedanceController, ContactImpedanceParameters
 from saphari_drake.control.force_stability import check_hand
 from saphari_drake.errors import ParameterError

@@ -92,13 +92,19 @@ def free_drift_speed(F_d: float, K_f: float, K_d: float, mass: float, time: Arra
     return np.asarray(K_f * F_d / K_d * -np.expm1(-K_d * time / mass))
 
 
-def expected_drift_speed(missing: Array, K_f: float, K_d: float, mass: float, time: Array, fade: float) -> Array:
+def expected_drift_speed(
+    missing: Array, K_f: float, K_d: float, mass: float, time: Array, fade: float, observed: Array
+) -> Array:
     """Return the speed (T,) that eq. (60) gives for the part of the desired force that is missing (T,) (N).
 
-    The law fades in with the time constant `fade` (s), which is what keeps its torque free of jumps.
+    It starts with speed and acceleration of the `observed` speed (T,): the torque of the law before fades out with the
+    time constant `fade` (s), so that the acceleration makes no jump.
     """
-    speed = np.zeros(len(time))
+    few = min(3, len(time) - 1)
+    acceleration = (observed[few] - observed[0]) / (time[few] - time[0])
+    left = K_f * missing[0] - K_d * observed[0] - mass * acceleration
+    speed = np.full(len(time), observed[0])
     for k in range(len(time) - 1):
-        drive = K_f * missing[k] * -np.expm1(-(time[k] - time[0]) / fade)
+        drive = K_f * missing[k] - left * np.exp(-(time[k] - time[0]) / fade)
         speed[k + 1] = speed[k] + (time[k + 1] - time[k]) * (drive - K_d * speed[k]) / mass
     return speed
