@@ -137,9 +137,7 @@ def record(builder: DiagramBuilder, parts: ContactCell, period: float) -> Record
 def run(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
     setup = build(scenario, options.meshcat)
-    simulator, depth, wall = simulate(
-        setup.diagram, setup.parts, setup.pushes, setup.duration, scenario.case, options
-    )
+    simulator, depth, wall = simulate(setup.diagram, setup.parts, setup.pushes, setup.duration, scenario.case, options)
     log = setup.recorder.log(setup.diagram, simulator.get_context())
     metrics = judged(setup, log) + timing(setup.robot, scenario.system, log, depth, setup.duration, wall)
     return Outcome(metrics, log, lambda: figure(setup, log), lambda path: replay(setup, log, path))

@@ -6,8 +6,8 @@ Values are checked against the annotations of the fields, which may be strings (
 
 from __future__ import annotations
 
-import copy
 import contextlib
+import copy
 import dataclasses
 import types
 import typing
