@@ -41,7 +41,7 @@ class ContactForceControlParameters:
     force_rate: float = 10.0
     # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
     max_deficit: float = 4.0
-    # m/s; the contact point never moves faster. ISO 10218 limits manual guidance to the same.
+    # m/s; the force control never moves the contact point faster (a person still can). As in ISO 10218 for guidance.
     speed_limit: float = 0.25
     # A speed that reaches this share of the limit, now or within the next `stop_lead` seconds, stops the robot until it
     # is released: measured velocity is late, and so is the answer to it. A.

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
+from saphari_drake.parameters import positive_definite
 from saphari_drake.port_values import ForceStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -92,19 +94,24 @@ def free_drift_speed(F_d: float, K_f: float, K_d: float, mass: float, time: Arra
     return np.asarray(K_f * F_d / K_d * -np.expm1(-K_d * time / mass))
 
 
-def expected_drift_speed(
-    missing: Array, K_f: float, K_d: float, mass: float, time: Array, fade: float, observed: Array
-) -> Array:
-    """Return the speed (T,) that eq. (60) gives for the part of the desired force that is missing (T,) (N).
+def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactForceControlParameters) -> Array:
+    """Return the velocity (3,) at the end of a drift that eq. (60) gives with the estimated force (m/s).
 
-    It starts with speed and acceleration of the `observed` speed (T,): the torque of the law before fades out with the
-    time constant `fade` (s), so that the acceleration makes no jump.
+    It starts from the acceleration under the law before, which braked, for there is no jump; that difference fades out.
+    What the person gives and the estimate lacks acts on the natural inertia.
     """
-    few = min(3, len(time) - 1)
-    acceleration = (observed[few] - observed[0]) / (time[few] - time[0])
-    left = K_f * missing[0] - K_d * observed[0] - mass * acceleration
-    speed = np.full(len(time), observed[0])
+    K_f, K_d = np.diag(np.broadcast_to(params.K_f, 3)), np.diag(np.broadcast_to(params.K_d, 3))
+    first, time = drift.rows[0], log.time[drift.rows]
+    terms = evaluate_dynamics(robot, log["position"][first], log["velocity"][first])
+    link = int(log["active_link"][first, 0])
+    J = terms.point(link, terms.R_WL[link].T @ (log["contact_position"][first] - terms.p_WL[link])).Jv_WC
+    mobility = J @ np.linalg.solve(terms.M, J.T)
+    M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else mobility
+    F, estimate = log["contact_truth"][drift.rows, :3], log["contact_force"][drift.rows]
+    driving = (estimate - params.fixed_force) @ (M_d_inv @ K_f).T + (F - estimate) @ mobility
+    v = drift.velocity[0]
+    start = mobility @ F[0] - np.mean(params.hold_damping) * v - (driving[0] - M_d_inv @ K_d @ v)
     for k in range(len(time) - 1):
-        drive = K_f * missing[k] - left * np.exp(-(time[k] - time[0]) / fade)
-        speed[k + 1] = speed[k] + (time[k + 1] - time[k]) * (drive - K_d * speed[k]) / mass
-    return speed
+        fading = start * np.exp(-(time[k] - time[0]) / params.transition_time)
+        v = v + (time[k + 1] - time[k]) * (driving[k] - M_d_inv @ K_d @ v + fading)
+    return np.asarray(v)
