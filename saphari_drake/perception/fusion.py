@@ -10,11 +10,11 @@ refined over the surface; the best of them is the contact, the best one elsewher
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.friction_cone import force_in_cone, two_forces_in_cones
@@ -22,7 +22,7 @@ from saphari_drake.math.tree import point_kinematics, tree_kinematics
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.localization import Array, ContactVision, Depth, Localization
-from saphari_drake.perception.surface_candidates import surface_candidates
+from saphari_drake.perception.surface_candidates import inner_sizes, smooth_normal, surface_candidates
 from saphari_drake.port_values import Immutable
 from saphari_drake.robots.model import RobotModel
 
@@ -39,8 +39,8 @@ class FusionParameters:
     # Friction of skin on the cover, and the share of the largest singular value below which a direction is left out.
     friction: float = 0.5
     rcond: float = 0.02
-    # Norm of the residual above which a contact is felt (Nm, > 0).
-    felt: float = 1.0
+    # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
+    felt: float = 5.0
     # Deviation of a point that the cameras see (m, > 0): of a fine one, and its growth with the width of what touches.
     vision_sigma: float = 0.003
     width_share: float = 0.5
@@ -58,19 +58,23 @@ class FusionParameters:
     person_cost: float = 12.0
     # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
     mode_distance: float = 0.05
-    modes: int = 4
+    modes: int = 3
     # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
     memory: float = 0.9
     frames: int = 8
-    # Least gain of cost that makes two seen contacts out of one (≥ 0).
-    second_gain: float = 16.0
+    # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
+    # (N, ≥ 0) comes out, unless one contact costs less by more than this (≥ 0).
+    second_distance: float = 0.10
+    second_force: float = 3.0
+    second_cost: float = 12.0
 
     def __post_init__(self) -> None:
         require_positive(
             self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "near", "far",
             "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
+            "second_distance",
         )  # fmt: skip
-        require_non_negative(self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_gain")
+        require_non_negative(self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force", "second_cost")
         if not 0.0 <= self.memory <= 1.0:
             raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
         if not 0.0 < self.rcond < 1.0:
@@ -90,6 +94,7 @@ class Evidence(NamedTuple):
     vision_cost: Array  # (m,)
     seen: tuple[Localization, ...]  # places where a camera sees the person within its gate
     human_points: Array  # (k, 3) m, world
+    shares: dict[int, float]  # camera: share of the robot that it sees, for those with a frame
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,7 @@ class Mode(NamedTuple):
     seen: bool  # whether a camera sees the person there
     distance: float  # m, of the person there (∞: unseen)
     sigma: float = np.inf  # m, deviation of the point that a camera sees
+    prior: float = 0.0  # part of the cost that the cameras alone decide
 
 
 class Fusion(NamedTuple):
@@ -158,8 +164,21 @@ class ContactFusionLaw:
     def __init__(self, robot: RobotModel, visions: Sequence[ContactVision], params: FusionParameters) -> None:
         self.robot, self.visions, self.params = robot, tuple(visions), params
         self.candidates = surface_candidates(robot, params.candidates)
+        self._inner = inner_sizes(robot.shapes)
         self._lifts = np.array([0.006, 0.012, 0.018])
         self._steps = self.candidates.spacing * np.array([0.5, 0.25, 0.12, 0.06])
+
+    def compile(self) -> None:
+        """Run every kernel once, so that no later call compiles."""
+        rng, robot = np.random.default_rng(0), self.robot
+        for vision in self.visions:
+            images: list[Depth | None] = [None] * len(self.visions)
+            images[self.visions.index(vision)] = np.full(vision.limit.shape, 0.5, dtype=np.float32)
+            memory = self.remember(self.empty(), self.evidence(robot.home, rng.normal(size=robot.n) * 10.0, images))
+            self.decide(memory)
+        link = int(self.candidates.link[-1])
+        ends = [Mode(link, sign * np.ones(3) * 0.1, np.ones(3) / np.sqrt(3.0), 0.0, True, 0.0, 0.01) for sign in (1, -1)]
+        self._both(memory, ends, ends[0])
 
     def empty(self) -> FusionMemory:
         """Return the memory without a contact."""
@@ -168,25 +187,41 @@ class ContactFusionLaw:
             np.zeros((0, n, 6)), np.zeros((0, n, 3, 3)), np.zeros((0, n, 3)), np.zeros((0, n)), np.zeros(m), np.zeros(m)
         )
 
-    def evidence(self, q: Array, r: Array, images: Sequence[Depth | None]) -> Evidence:
-        """Weigh one instant: posture q (n,), residual r (n,) and each camera's image (None: no frame)."""
+    def felt(self, r: Array) -> bool:
+        """Whether a residual (n,) is more than noise."""
+        return bool(np.linalg.norm(r) > self.params.felt * self.params.torque_sigma)
+
+    def evidence(self, q: Array, r: Array, images: Sequence[Depth | None], least_seen: float = 0.0) -> Evidence:
+        """Weigh one instant: posture q (n,), residual r (n,) and each camera's image (None: no frame).
+
+        An image in which less than the share `least_seen` of the robot has readings counts as none.
+        """
         t, p, c = self.robot.tree, self.params, self.candidates
         R_WL, p_WL, S, *_ = tree_kinematics(
             t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(self.robot.n)
         )
-        found = [v.localize_several(z, R_WL, p_WL, 2) for v, z in zip(self.visions, images) if z is not None]
+        found, used = [], list(images)
+        shares: dict[int, float] = {}
+        for k, depth in enumerate(images):
+            if depth is not None:
+                places = self.visions[k].localize_several(depth, R_WL, p_WL, 2)
+                shares[k] = places[0].seen
+                if places[0].seen >= least_seen:
+                    found.append((k, places))
+                else:
+                    used[k] = None
         seen = tuple(
-            entry for v, places in zip(self.visions, found) for entry in places if entry.distance < v.params.gate
+            place for k, places in found for place in places if place.distance < self.visions[k].params.gate
         )
-        points = np.concatenate([places[0].human_points for places in found]) if found else np.zeros((0, 3))
+        points = np.concatenate([np.zeros((0, 3)), *(places[0].human_points for _, places in found)])
         m = len(c.link)
-        if np.linalg.norm(r) < p.felt:
-            return Evidence(S, R_WL, p_WL, r, np.zeros(m), np.zeros(m), seen, points)
+        if not self.felt(r):
+            return Evidence(S, R_WL, p_WL, r, np.zeros(m), np.zeros(m), seen, points, shares)
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, R_WL, p_WL)
         residual_cost = kernels.residual_costs(
             t.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing
         )
-        return Evidence(S, R_WL, p_WL, r, residual_cost, self._vision_cost(x, a, images, points), seen, points)
+        return Evidence(S, R_WL, p_WL, r, residual_cost, self._vision_cost(x, a, used, points), seen, points, shares)
 
     def _vision_cost(self, x: Array, a: Array, images: Sequence[Depth | None], points: Array) -> Array:
         p = self.params
@@ -205,9 +240,9 @@ class ContactFusionLaw:
         return np.minimum((distance / p.person_scale) ** 2, p.person_cost) + p.free_cost * free * alone
 
     def remember(self, memory: FusionMemory, new: Evidence) -> FusionMemory:
-        """Return the memory with a frame added; without a felt contact it is empty."""
-        if np.linalg.norm(new.r) < self.params.felt:
-            return self.empty()
+        """Return the memory with a frame added; one without a felt contact forgets those before."""
+        if not self.felt(new.r):
+            memory = self.empty()
         keep, old = self.params.frames - 1, self.params.memory
         weight = old * memory.weight + 1.0
         first = max(memory.count - keep, 0)
@@ -228,6 +263,9 @@ class ContactFusionLaw:
         if memory.count == 0:
             return Fusion([], None, 0.0, np.zeros((0, 3)))
         seen = self._seen(memory)
+        if not self.felt(memory.r[-1]):
+            chosen = [min(seen, key=lambda mode: mode.cost)] if seen else []
+            return Fusion(chosen, None, 0.0, self._forces(memory, chosen))
         penalty = p.unseen_cost if seen else 0.0
         cost = memory.residual_cost + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost)
@@ -236,7 +274,7 @@ class ContactFusionLaw:
         best = modes[0]
         second = next((mode for mode in modes if self._apart(memory, best, mode) > p.mode_distance), None)
         weight = 0.0 if second is None else float(1.0 / (1.0 + np.exp(0.5 * min(second.cost - best.cost, 200.0))))
-        both = self._both(memory, [mode for mode in seen if mode.seen], best.cost)
+        both = self._both(memory, seen, best)
         chosen = both or [best]
         return Fusion(chosen, second, weight, self._forces(memory, chosen))
 
@@ -256,7 +294,8 @@ class ContactFusionLaw:
                 for e in frame
                 if e.link == entry.link and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
             ]
-            anchor, normal = self.visions[0].on_surface(entry.link, np.mean(points, axis=0))
+            anchor, _ = self.visions[0].on_surface(entry.link, np.mean(points, axis=0))
+            normal = smooth_normal(self.robot.shapes, entry.link, anchor)
             away = max(entry.distance - self.params.near, 0.0) / self.params.far
             sigma = self.params.vision_sigma + self.params.width_share * entry.width
             mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma)
@@ -265,26 +304,20 @@ class ContactFusionLaw:
 
     def _grid_modes(self, memory: FusionMemory, cost: Array) -> list[tuple[int, Mode]]:
         """Return the best candidates that lie apart from one another."""
-        c, found = self.candidates, []
-        order = np.argsort(cost)[:400]
-        x, _ = kernels.pose_points(c.link[order], c.p_L[order], c.n_L[order], memory.R_WL[-1], memory.p_WL[-1])
-        taken = np.zeros(len(order), dtype=bool)
-        while len(found) < self.params.modes and not taken.all():
-            k = int(np.argmin(taken))
-            i = int(order[k])
-            found.append((i, Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf)))
-            taken |= np.linalg.norm(x - x[k], axis=1) < self.params.mode_distance
-        return found
+        c = self.candidates
+        x, _ = kernels.pose_points(c.link, c.p_L, c.n_L, memory.R_WL[-1], memory.p_WL[-1])
+        chosen = kernels.best_apart(cost, x, int(self.params.modes), self.params.mode_distance)
+        return [(i, Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf)) for i in chosen]
 
     def _refined(self, memory: FusionMemory, mode: Mode, prior: float) -> Mode:
         p, t, s = self.params, self.robot.tree, self.robot.shapes
         weight = p.memory ** np.arange(memory.count - 1, -1, -1)
         p_L, n_L, cost = kernels.refine(
-            t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, s.R_LS, s.p_LS,
+            t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, self._inner, s.R_LS, s.p_LS,
             s.link == mode.link, mode.link, mode.p_L, mode.n_L, mode.p_L, mode.sigma,
             p.torque_sigma, p.force_scale, p.friction, self._steps,
         )  # fmt: skip
-        return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior)
+        return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior, prior=prior)
 
     def _jacobian(self, memory: FusionMemory, mode: Mode) -> Array:
         t, zero = self.robot.tree, np.zeros((self.robot.n, 6))
@@ -295,10 +328,31 @@ class ContactFusionLaw:
         p, r = self.params, memory.r[-1]
         J = [self._jacobian(memory, mode) for mode in modes]
         inward = [-memory.R_WL[-1, mode.link] @ mode.n_L for mode in modes]
+        if not modes:
+            return np.zeros((0, 3))
         if len(modes) == 2:
             return two_forces_in_cones(J[0], J[1], r, inward[0], inward[1], p.friction, p.rcond)
         return force_in_cone(J[0], r, inward[0], p.friction, p.rcond)[None]
 
-    def _both(self, memory: FusionMemory, seen: list[Mode], single: float) -> list[Mode]:
-        """Return two seen contacts if they explain the residual much better together than any one alone."""
-        return []
+    def _both(self, memory: FusionMemory, seen: list[Mode], single: Mode) -> list[Mode]:
+        """Return two seen contacts if they explain the newest residual much better together than any one alone."""
+        p, r = self.params, memory.r[-1]
+        newest = replace(
+            memory, S=memory.S[-1:], R_WL=memory.R_WL[-1:], p_WL=memory.p_WL[-1:], r=memory.r[-1:], seen=memory.seen[-1:]
+        )
+        least = min(self._refined(newest, mode, mode.prior).cost for mode in (single, *seen)) + p.second_cost
+        chosen: list[Mode] = []
+        for i, j in combinations(range(len(seen)), 2):
+            if self._apart(memory, seen[i], seen[j]) < p.second_distance:
+                continue
+            pair, cost = [seen[i], seen[j]], np.inf
+            for _ in range(2):
+                forces = self._forces(newest, pair)
+                torques = [self._jacobian(newest, mode).T @ F for mode, F in zip(pair, forces)]
+                rests = [(r - torques[1 - k])[None] for k in range(2)]
+                pair = [self._refined(replace(newest, r=rest), mode, mode.prior) for mode, rest in zip(pair, rests)]
+                misfit = float(np.sum((r - sum(torques)) ** 2)) / p.torque_sigma**2
+                cost = pair[0].cost + pair[1].cost - misfit
+            if cost < least and min(np.linalg.norm(self._forces(newest, pair), axis=1)) > p.second_force:
+                chosen, least = pair, cost
+        return chosen

@@ -11,31 +11,44 @@ from numba import njit
 from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
 from saphari_drake.math.geometry import nearest_surface_point
 
-_NARROW = 60.0  # a cost this far above the least one decides nothing, so its cone is left out
+# Candidates whose free least squares costs so much more than the best one's decide nothing: their cone is left out.
+_NARROW = 80.0
 
 
 @njit(cache=True)
-def point_system(parent, S, link, p, r, G, b):
-    """Fill G with J Jᵀ (3, 3) and b with J r (3,) for a point p (m) of a link; S (n, 6) are the joint axes."""
-    for i in range(3):
-        b[i] = 0.0
-        for k in range(3):
-            G[i, k] = 0.0
-    c = np.empty(3)
+def _column(S, j, p, c):
+    """Fill c (3,) with column j of the Jacobian of a point p (m); S (n, 6) are the joint axes."""
+    c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
+    c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
+    c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+
+
+@njit(cache=True)
+def free_cost(parent, S, link, p, r, sigma, force, H, b, F):
+    """Fill H, b and F of `touch_cost` without the cone; return rᵀr, the cost and its part log det(f² H / σ²)."""
+    h00 = h01 = h02 = h11 = h12 = h22 = b0 = b1 = b2 = rr = 0.0
+    for j in range(r.shape[0]):
+        rr += r[j] * r[j]
     j = link
     while j >= 0:
-        c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
-        c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
-        c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
-        for i in range(3):
-            b[i] += c[i] * r[j]
-            for k in range(3):
-                G[i, k] += c[i] * c[k]
+        x = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
+        y = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
+        z = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+        h00, h01, h02 = h00 + x * x, h01 + x * y, h02 + x * z
+        h11, h12, h22 = h11 + y * y, h12 + y * z, h22 + z * z
+        b0, b1, b2 = b0 + x * r[j], b1 + y * r[j], b2 + z * r[j]
         j = parent[j]
+    ridge = (sigma / force) ** 2
+    H[0, 0], H[1, 1], H[2, 2] = h00 + ridge, h11 + ridge, h22 + ridge
+    H[0, 1], H[0, 2], H[1, 2] = h01, h02, h12
+    H[1, 0], H[2, 0], H[2, 1] = h01, h02, h12
+    b[0], b[1], b[2] = b0, b1, b2
+    spread = np.log(max(solve3(H, b, F), 1e-300)) - 3.0 * np.log(ridge)
+    return rr, (rr - F[0] * b0 - F[1] * b1 - F[2] * b2) / (sigma * sigma) + spread, spread
 
 
 @njit(cache=True)
-def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, limit, F):
+def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
     """Return the cost of a contact at p and fill F (3,) with its force (N).
 
     With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes
@@ -50,36 +63,19 @@ def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, limit, F):
         Coefficient of friction.
     cell : float
         Deviation of the true point from p (m); 0: none.
-    limit : float
-        Cost beyond which the value no longer matters; a lower bound of it is returned then.
+    H, b : (3, 3) and (3,) arrays
+        Filled with H and J r.
     """
-    G, H, b = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    point_system(parent, S, link, p, r, G, b)
-    ridge = (sigma / force) ** 2
-    for i in range(3):
-        for k in range(3):
-            H[i, k] = G[i, k]
-        H[i, i] += ridge
-    rr = 0.0
-    for j in range(r.shape[0]):
-        rr += r[j] * r[j]
-    det = solve3(H, b, F)
-    spread = np.log(max(det, 1e-300)) - 3.0 * np.log(ridge)
-    free = rr - F[0] * b[0] - F[1] * b[1] - F[2] * b[2]
-    if cell == 0.0 and free / (sigma * sigma) + spread > limit:
-        return free / (sigma * sigma) + spread
-    misfit = rr + cone_minimum(H, b, inward, mu, F)
-    cost = misfit / (sigma * sigma) + spread
+    rr, _, spread = free_cost(parent, S, link, p, r, sigma, force, H, b, F)
+    cost = (rr + cone_minimum(H, b, inward, mu, F)) / (sigma * sigma) + spread
     if cell > 0.0:
-        t, u = np.empty(3), np.empty(3)
+        t, u, c = np.empty(3), np.empty(3), np.empty(3)
         tangents(inward, t, u)
-        d00 = d01 = d11 = e0 = e1 = 0.0
+        k = (sigma / cell) ** 2
+        d00, d01, d11, e0, e1 = k, 0.0, k, 0.0, 0.0
         j = link
-        c = np.empty(3)
         while j >= 0:
-            c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
-            c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
-            c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+            _column(S, j, p, c)
             e = r[j] - c[0] * F[0] - c[1] * F[1] - c[2] * F[2]
             # A shift δ of the point changes torque j by F · (ω × δ) = δ · (F × ω).
             x = F[1] * S[j, 2] - F[2] * S[j, 1]
@@ -92,8 +88,6 @@ def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, limit, F):
             e0 += s0 * e
             e1 += s1 * e
             j = parent[j]
-        k = (sigma / cell) ** 2
-        d00, d11 = d00 + k, d11 + k
         inner = d00 * d11 - d01 * d01
         cost -= (d11 * e0 * e0 - 2.0 * d01 * e0 * e1 + d00 * e1 * e1) / inner / (sigma * sigma)
         cost += np.log(inner / (k * k))
@@ -115,15 +109,37 @@ def pose_points(link, p_L, n_L, R_WL, p_WL):
 
 @njit(cache=True)
 def residual_costs(parent, S, link, p, a, r, sigma, force, mu, cell):
-    """Return `touch_cost` of every candidate (m,)."""
+    """Return `touch_cost` of every candidate (m,); a lower bound of it where it is far above the least."""
     m = link.shape[0]
     cost = np.empty(m)
-    F = np.empty(3)
-    best = np.inf
+    H, b, F = np.empty((3, 3)), np.empty(3), np.empty(3)
     for c in range(m):
-        cost[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, best + _NARROW, F)
-        best = min(best, cost[c])
+        cost[c] = free_cost(parent, S, link[c], p[c], r, sigma, force, H, b, F)[1]
+    bound = cost.min() + _NARROW
+    for c in range(m):
+        if cost[c] < bound:
+            cost[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, H, b, F)
     return cost
+
+
+@njit(cache=True)
+def best_apart(cost, p, count, apart):
+    """Return the indices of up to `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another."""
+    chosen = np.empty(count, np.int64)
+    left = np.ones(cost.shape[0], np.bool_)
+    for k in range(count):
+        best = -1
+        for c in range(cost.shape[0]):
+            if left[c] and (best < 0 or cost[c] < cost[best]):
+                best = c
+        if best < 0:
+            return chosen[:k]
+        chosen[k] = best
+        for c in range(cost.shape[0]):
+            x, y, z = p[c, 0] - p[best, 0], p[c, 1] - p[best, 1], p[c, 2] - p[best, 2]
+            if x * x + y * y + z * z < apart * apart:
+                left[c] = False
+    return chosen
 
 
 @njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
@@ -174,25 +190,26 @@ def share_free(p, a, depth, R_WC, p_WC, fx, fy, cx, cy, margin, lifts, free):
 def window_cost(parent, S, R_WL, p_WL, r, weight, link, p_L, n_L, sigma, force, mu, F):
     """Return the weighted sum of a contact's costs over frames (k, …) and fill F (3,) with the newest frame's force."""
     total = 0.0
-    p, a = np.empty(3), np.empty(3)
+    p, a, H, b = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     for f in range(r.shape[0]):
         R, o = R_WL[f, link], p_WL[f, link]
         for i in range(3):
             p[i] = o[i] + R[i, 0] * p_L[0] + R[i, 1] * p_L[1] + R[i, 2] * p_L[2]
             a[i] = -(R[i, 0] * n_L[0] + R[i, 1] * n_L[1] + R[i, 2] * n_L[2])
-        total += weight[f] * touch_cost(parent, S[f], link, p, a, r[f], sigma, force, mu, 0.0, np.inf, F)
+        total += weight[f] * touch_cost(parent, S[f], link, p, a, r[f], sigma, force, mu, 0.0, H, b, F)
     return total
 
 
 @njit(cache=True)
-def refine(parent, S, R_WL, p_WL, r, weight, kind, size, R_LS, p_LS, own, link, start, normal, anchor, anchor_sigma,
-           sigma, force, mu, steps):  # fmt: skip
+def refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, own, link, start, normal, anchor,
+           anchor_sigma, sigma, force, mu, steps):  # fmt: skip
     """Move a contact point over its link's surface to where its cost is least, by a pattern search from `start`.
 
     Parameters
     ----------
-    kind, size, R_LS, p_LS : arrays
-        The robot's shapes; `own` (s,) says which belong to the link.
+    kind, size, inner, R_LS, p_LS : arrays
+        The robot's shapes; `own` (s,) says which belong to the link. Normals are those of the shapes with the sizes
+        `inner` (m), grown: where edges are sharp, the force's cone turns over some way.
     start, normal : (3,) arrays
         First point (m) and outward normal, in the link's frame.
     anchor, anchor_sigma : (3,) array, float
@@ -209,14 +226,15 @@ def refine(parent, S, R_WL, p_WL, r, weight, kind, size, R_LS, p_LS, own, link, 
     off = (p[0] - anchor[0]) ** 2 + (p[1] - anchor[1]) ** 2 + (p[2] - anchor[2]) ** 2
     best = window_cost(parent, S, R_WL, p_WL, r, weight, link, p, n, sigma, force, mu, F) + off / anchor_sigma**2
     for step in steps:
-        for _ in range(3):
+        for _ in range(2):
             tangents(n, t, u)
             here, moved = p.copy(), False
             for k in range(4):
                 side = step if k < 2 else -step
                 for i in range(3):
                     trial[i] = here[i] + side * (t[i] if k % 2 == 0 else u[i])
-                _, _, q, m = nearest_surface_point(kind, size, R_LS, p_LS, own, trial)
+                _, _, q, _ = nearest_surface_point(kind, size, R_LS, p_LS, own, trial)
+                _, _, _, m = nearest_surface_point(kind, inner, R_LS, p_LS, own, q)
                 cost = window_cost(parent, S, R_WL, p_WL, r, weight, link, q, m, sigma, force, mu, F)
                 cost += ((q[0] - anchor[0]) ** 2 + (q[1] - anchor[1]) ** 2 + (q[2] - anchor[2]) ** 2) / anchor_sigma**2
                 if cost < best:

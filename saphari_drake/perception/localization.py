@@ -39,10 +39,12 @@ class LocalizerParameters:
     support_step: float = 0.03
     # Least number of the person's pixels in a connected component (≥ 1).
     component: int = 25
-    # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0).
+    # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0), and
+    # how often it is centred anew (≥ 1).
     rank: int = 6
     softness: float = 0.005
     spread: float = 0.05
+    rounds: int = 3
     # The camera sees the near side of what touches; its middle lies behind by this share (≥ 0) of the deviation of its
     # points across the view, at least and at most so far (m): what touches is about as thick as it is wide.
     thickness: float = 1.5
@@ -68,7 +70,7 @@ class LocalizerParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "support_step", "component", "rank", "softness", "spread", "gate", "points_stride", "timeout",
+            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "points_stride", "timeout",
             "time_constant", "jump", "switch_frames", "memory",
         )  # fmt: skip
         require_non_negative(self, "thickness", "least_thickness", "most_thickness")
@@ -238,18 +240,20 @@ class ContactVision:
         for _ in range(count):
             link, distance, p_C, extent = kernels.soft_minimum(
                 depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
-                p.rank, p.softness, p.spread,
+                p.rank, p.softness, p.spread, int(p.rounds),
             )  # fmt: skip
             if link < 0 or distance > p.reach:
                 break
-            p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL)
+            link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL)
             found.append(Localization(link, distance, p_LC, n_L, seen, points, width))
             if len(found) < count:
                 kernels.clear_near(depth, self.x, self.y, human, region, p_C, apart)
         return found or [nobody]
 
-    def _touched(self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array) -> tuple[Array, Array, float]:
-        """Return contact point, normal (link frame) and width of what touches for the surface point p_C under it."""
+    def _touched(
+        self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array
+    ) -> tuple[int, Array, Array, float]:
+        """Return link, contact point, normal (link frame) and width of what touches for the surface point under it."""
         p, R_WC, p_WC = self.params, self._R_WC, self._p_WC
         p_LC, n_L = self.on_surface(link, R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link]))
         R_LC = R_WL[link].T @ R_WC
@@ -257,7 +261,13 @@ class ContactVision:
         across = R_LC.T @ np.cross(n_L, ray_L)
         width = float(np.sqrt(max(across @ extent @ across, 0.0)) / max(np.linalg.norm(across), 1e-9))
         behind = min(max(p.thickness * width, p.least_thickness), p.most_thickness)
-        return *self.on_surface(link, p_LC + behind * (ray_L - (ray_L @ n_L) * n_L)), width
+        p_W = p_WL[link] + R_WL[link] @ (p_LC + behind * (ray_L - (ray_L @ n_L) * n_L))
+        R_WS, p_WS = self.shapes.in_world(R_WL, p_WL)
+        shape, _, p_WC, n_W = nearest_surface_point(
+            self.shapes.kind, self.shapes.size, R_WS, p_WS, self.shapes.link >= 0, p_W
+        )
+        link = int(self.shapes.link[shape])
+        return link, R_WL[link].T @ (p_WC - p_WL[link]), R_WL[link].T @ n_W, width
 
     def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:
         """Return the surface point of a link nearest to p_L and the outward normal there, all in the link's frame."""

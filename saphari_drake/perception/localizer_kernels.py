@@ -227,12 +227,13 @@ def _project(kind, size, R, p, x, y, z, local, normal, out):
 
 
 @njit(cache=True)
-def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, region, rank, softness, spread):
+def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, region, rank, softness, spread, rounds):
     """Return link, distance (m), surface point (3,) in C of the person's nearest part, and its extent; link −1 without.
 
-    The anchor is the point of the person with the `rank`-th smallest distance d. Projections on its link's surface
-    within `spread` (m) of its own are averaged with weights exp(−(d − d_anchor) / softness), at most 1. The extent is
-    their covariance (3, 3) in m², without weights.
+    The `rank`-th smallest distance d to the moving links is the distance of the person. Projections on the surface
+    are averaged with weights exp(−(d − d_rank) / softness), at most 1, within `spread` (m) of a centre, first that of
+    the pixel with d_rank, then `rounds` − 1 times the last mean. The link is the one with most weight, the extent the
+    covariance (3, 3) of the projections in m², without weights.
     """
     r0, r1, c0, c1 = region
     rows, cols = r1 - r0, c1 - c0
@@ -249,36 +250,46 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
                     k -= 1
                 nearest[k] = line[j]
                 where[k, 0], where[k, 1] = i, j
-    anchor_d = nearest[rank - 1]
-    if anchor_d == np.inf:
+    least = nearest[rank - 1]
+    if least == np.inf:
         return -1, np.inf, np.zeros(3), np.zeros((3, 3))
-    local, normal = np.empty(3), np.empty(3)
-    anchor, projection, mean = np.empty(3), np.empty(3), np.zeros(3)
+    local, normal, centre = np.empty(3), np.empty(3), np.empty(3)
     i, j = where[rank - 1]
     s = owner[i, j]
-    on = link[s]
-    _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j], local, normal, anchor)
-    far, total, count = anchor_d + 6.0 * softness, 0.0, 0
-    offset, first, second = np.empty(3), np.zeros(3), np.zeros((3, 3))
+    _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j], local, normal, centre)
+    far, total, count = least + 6.0 * softness, 0, 0
     for i in range(rows):
         marked, line = human[i + BORDER, BORDER : BORDER + cols], best[i]
         for j in range(cols):
-            if marked[j] and line[j] < far and link[owner[i, j]] == on:
+            total += marked[j] > 0 and line[j] < far
+    point, weight, on = np.empty((total, 3)), np.empty(total), np.empty(total, np.int64)
+    for i in range(rows):
+        marked, line = human[i + BORDER, BORDER : BORDER + cols], best[i]
+        for j in range(cols):
+            if marked[j] and line[j] < far and link[owner[i, j]] >= 0:
                 s = owner[i, j]
                 _project(kind[s], size[s], R_CS[s], p_CS[s], x[c0 + j], y[r0 + i], z[r0 + i, c0 + j],
-                         local, normal, projection)  # fmt: skip
-                a, b, c = projection[0] - anchor[0], projection[1] - anchor[1], projection[2] - anchor[2]
-                if a * a + b * b + c * c < spread * spread:
-                    weight = np.exp(-max(line[j] - anchor_d, 0.0) / softness)
-                    total += weight
-                    offset[0], offset[1], offset[2] = a, b, c
-                    count += 1
-                    for k in range(3):
-                        mean[k] += weight * projection[k]
-                        first[k] += offset[k]
-                        for m in range(3):
-                            second[k, m] += offset[k] * offset[m]
-    return on, anchor_d, mean / total, second / count - np.outer(first / count, first / count)
+                         local, normal, point[count])  # fmt: skip
+                weight[count], on[count] = np.exp(-max(line[j] - least, 0.0) / softness), link[s]
+                count += 1
+    votes = np.zeros(link.shape[0])
+    first, second = np.zeros(3), np.zeros((3, 3))
+    for turn in range(rounds):
+        mean, first[:], second[:], votes[:] = np.zeros(3), 0.0, 0.0, 0.0
+        weights, members = 0.0, 0
+        for k in range(count):
+            a, b, c = point[k, 0] - centre[0], point[k, 1] - centre[1], point[k, 2] - centre[2]
+            if a * a + b * b + c * c < spread * spread:
+                weights += weight[k]
+                members += 1
+                votes[on[k]] += weight[k]
+                for m in range(3):
+                    mean[m] += weight[k] * point[k, m]
+                    first[m] += point[k, m] - centre[m]
+                    for l in range(3):
+                        second[m, l] += (point[k, m] - centre[m]) * (point[k, l] - centre[l])
+        centre = mean / weights
+    return int(np.argmax(votes)), least, centre, second / members - np.outer(first / members, first / members)
 
 
 @njit(cache=True)

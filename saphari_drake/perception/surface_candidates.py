@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.geometry import BOX, CAPSULE, surface_point
+from saphari_drake.math.geometry import BOX, CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.shapes import LinkShapes
@@ -58,11 +58,11 @@ def surface_candidates(robot: RobotModel, count: int = 1700, first_link: int = 1
         raise ParameterError("first_link", f"no shape on link {first_link} or beyond")
     area = np.array([_area(shapes.kind[s], shapes.size[s]) for s in chosen])
     dense = [_samples(shapes, s, int(np.ceil(20 * count * a / area.sum())), rng) for s, a in zip(chosen, area)]
-    link = np.concatenate([np.full(len(p), shapes.link[s]) for s, (p, _) in zip(chosen, dense)])
-    own = np.concatenate([np.full(len(p), s) for s, (p, _) in zip(chosen, dense)])
-    p_L, n_L = (np.concatenate([pair[k] for pair in dense]) for k in range(2))
+    link = np.concatenate([np.full(len(p), shapes.link[s]) for s, p in zip(chosen, dense)])
+    own = np.concatenate([np.full(len(p), s) for s, p in zip(chosen, dense)])
+    p_L = np.concatenate(dense)
     free = _ever_free(robot, own, link, p_L, rng)
-    link, p_L, n_L = link[free], p_L[free], n_L[free]
+    link, own, p_L = link[free], own[free], p_L[free]
     kept = np.concatenate(
         [
             np.flatnonzero(link == k)[_spread(p_L[link == k], round(count * np.mean(link == k)))]
@@ -70,7 +70,23 @@ def surface_candidates(robot: RobotModel, count: int = 1700, first_link: int = 1
         ]
     )
     spacing = float(np.sqrt(area.sum() * np.mean(free) / len(kept)))
-    return SurfaceCandidates(link[kept].astype(np.int64), p_L[kept], n_L[kept], spacing)
+    n_L = np.array([smooth_normal(shapes, int(link[i]), p_L[i]) for i in kept])
+    return SurfaceCandidates(link[kept].astype(np.int64), p_L[kept], n_L, spacing)
+
+
+def inner_sizes(shapes: LinkShapes, rounding: float = 0.008) -> Array:
+    """Return the sizes (s, 3) of the shapes with edges, drawn in by `rounding` (m); capsules stay as they are."""
+    size = shapes.size.copy()
+    sharp = shapes.kind != CAPSULE
+    size[sharp] -= np.minimum(rounding, 0.5 * size[sharp])
+    return size
+
+
+def smooth_normal(shapes: LinkShapes, link: int, p_L: Array) -> Array:
+    """Return the outward normal (3,) of a link at a point p_L (m) of its surface, as if its edges were rounded off."""
+    return np.asarray(
+        nearest_surface_point(shapes.kind, inner_sizes(shapes), shapes.R_LS, shapes.p_LS, shapes.link == link, p_L)[3]
+    )
 
 
 def _area(kind: int, size: Array) -> float:
@@ -80,16 +96,14 @@ def _area(kind: int, size: Array) -> float:
     return float(np.pi * (4.0 * size[0] * size[1] + ends * size[0] ** 2))
 
 
-def _samples(shapes: LinkShapes, s: int, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return random points (k, 3) and normals on a shape, of equal density, in the link's frame."""
+def _samples(shapes: LinkShapes, s: int, count: int, rng: np.random.Generator) -> Array:
+    """Return random points (k, 3) on a shape, of equal density, in the link's frame."""
     kind, size = shapes.kind[s], shapes.size[s]
     if kind == BOX:
         faces = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
         axis = rng.choice(3, count, p=faces / faces.sum())
-        p, n = rng.uniform(-1.0, 1.0, (count, 3)) * size, np.zeros((count, 3))
-        sign = rng.choice([-1.0, 1.0], count)
-        rows = np.arange(count)
-        p[rows, axis], n[rows, axis] = sign * size[axis], sign
+        p = rng.uniform(-1.0, 1.0, (count, 3)) * size
+        p[np.arange(count), axis] = rng.choice([-1.0, 1.0], count) * size[axis]
     else:
         ends = 4.0 if kind == CAPSULE else 2.0
         on_side = rng.random(count) < 4.0 * size[1] / (4.0 * size[1] + ends * size[0])
@@ -100,15 +114,11 @@ def _samples(shapes: LinkShapes, s: int, count: int, rng: np.random.Generator) -
         if kind == CAPSULE:
             ball = rng.normal(size=(count, 3))
             ball /= np.linalg.norm(ball, axis=1, keepdims=True)
-            end_n = ball
             end_p = size[0] * ball + np.where(ball[:, 2:] < 0.0, -1.0, 1.0) * size[1] * up
         else:
-            end_n = side * up
             end_p = size[0] * np.sqrt(rng.random((count, 1))) * ring + side * size[1] * up
-        n = np.where(on_side[:, None], ring, end_n)
         p = np.where(on_side[:, None], size[0] * ring + rng.uniform(-1.0, 1.0, (count, 1)) * size[1] * up, end_p)
-    R, offset = shapes.R_LS[s], shapes.p_LS[s]
-    return p @ R.T + offset, n @ R.T
+    return p @ shapes.R_LS[s].T + shapes.p_LS[s]
 
 
 def _ever_free(

@@ -174,7 +174,7 @@ class ContactScenes:
             Contact of the other hand at that posture, from which this one keeps 15 cm away.
         """
         shapes, own = self.robot.shapes, np.flatnonzero(self.robot.shapes.link == link)
-        for _ in range(20000):
+        for _ in range(4000 if q is None else 300):
             posture = self._posture(rng) if q is None else q
             terms = self.poses(posture)
             R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
