@@ -157,7 +157,8 @@ class ContactForceController(LeafSystem):
 
     In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
     In hold: `posture_torque` at the latched posture. Yielding, or without a camera: damping, Coriolis and gravity
-    terms alone. A change of law makes no jump: the difference is added, and fades.
+    terms alone. A change of law makes no jump: the difference is added, and fades. Nothing returns to where it was
+    touched: give the monitor a short `return_timeout`, after which the arm holds where it came to rest.
 
     Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
     contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more.
