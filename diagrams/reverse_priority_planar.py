@@ -7,8 +7,20 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.experiment import Experiment, Outcome, RunOptions, advance, main
-from saphari_drake.simulation.priority_figures import planar_figure, planar_replay
+from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, advance, main
+from saphari_drake.simulation.priority_arm import ThreeLevelParameters, three_level_job
+from saphari_drake.simulation.priority_arm_cell import (
+    add_three_level_signals,
+    build_three_level,
+    drake_three_level,
+    judge_three_level,
+)
+from saphari_drake.simulation.priority_figures import (
+    planar_figure,
+    planar_replay,
+    three_level_figure,
+    three_level_replay,
+)
 from saphari_drake.simulation.priority_planar import (
     PlanarParameters,
     add_derived,
@@ -21,6 +33,7 @@ CASES = {
     "constrained": "y at the end of link 4 kept in ±0.5 m: upper bound hard, lower bound soft",
     "soft_off": "the hard upper bound alone",
     "unconstrained": "the end-effector task alone",
+    "three_level": "LWR4 with torques: joint limits and a moving person, a path, a soft elbow region",
 }
 
 
@@ -35,21 +48,56 @@ class ReversePriorityScenario:
     duration: float = 26.1
     # Catalog name, or path of a URDF or SDF.
     robot: str = "planar_6r"
+    # The planar cases.
     planar: PlanarParameters = field(default_factory=PlanarParameters)
+    # The case three_level; the person's motion follows the seed.
+    arm: ThreeLevelParameters = field(default_factory=ThreeLevelParameters)
 
 
 def scenario_for(case: str) -> ReversePriorityScenario:
     """Return the scenario of a case."""
+    if case == "three_level":
+        return ReversePriorityScenario(case=case, duration=12.0, robot="lwr4")
     return ReversePriorityScenario(case=case)
 
 
 def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
     """Return the diagram of a scenario."""
+    if scenario.case == "three_level":
+        return build_three_level(three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)).diagram
     return build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case).diagram
 
 
 def run(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
+    return run_three_level(scenario, options) if scenario.case == "three_level" else run_planar(scenario, options)
+
+
+def run_three_level(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
+    """Run the LWR4 among a moving person."""
+    job = three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)
+    cell = build_three_level(job, options.meshcat)
+    simulator = Simulator(cell.diagram)
+    simulator.set_target_realtime_rate(options.realtime_rate)
+    wall = advance(simulator, scenario.duration, scenario.case)
+    log = cell.recorder.log(cell.diagram, simulator.get_context())
+    add_three_level_signals(cell, log)
+    metrics = [
+        *judge_three_level(cell, log),
+        *drake_three_level(cell, log),
+        Metric("real_time_factor", scenario.duration / wall, "1", decides=False),
+    ]
+    title = f"Reverse priority: {CASES[scenario.case]}"
+    return Outcome(
+        metrics,
+        log,
+        lambda: three_level_figure(cell, log, title),
+        lambda path: three_level_replay(cell, log, path, title),
+    )
+
+
+def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
+    """Run the planar arm of Fig. 4."""
     cell = build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case)
     simulator = Simulator(cell.diagram)
     simulator.set_target_realtime_rate(options.realtime_rate)

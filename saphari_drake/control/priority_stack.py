@@ -105,9 +105,7 @@ class PriorityStack:
         t = robot.tree
         self._tree = t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML
 
-    def solve(
-        self, q: ArrayLike, v_start: ArrayLike, references: Array, targets: Array, period: float, scale: float = 1.0
-    ) -> StackResult:
+    def solve(self, q: ArrayLike, v_start: ArrayLike, references: Array, targets: Array, period: float) -> StackResult:
         """Return the joint velocity of eq. (24)–(32), regularised, at joint positions `q`.
 
         Parameters
@@ -121,19 +119,31 @@ class PriorityStack:
             Position and velocity of each target in the world.
         period : float
             Control cycle (s).
-        scale : float
-            Factor on the gains of the tasks' errors.
+
+        Raises
+        ------
+        StateError
+            If sizes do not fit or something is not finite.
         """
-        q = self.robot.checked_vector(q, "positions")
-        if not (np.all(np.isfinite(references)) and np.all(np.isfinite(targets))):
-            raise StateError("references or targets of the priority stack: not finite")
-        return StackResult(
+        q, v_start = np.asarray(q, dtype=float), np.asarray(v_start, dtype=float)
+        sizes = q.shape, v_start.shape, references.shape, targets.shape[1:]
+        wanted = (self.robot.n,), (self.robot.n,), (len(self.tasks), REFERENCE_SIZE), (6,)
+        if sizes != wanted or len(targets) < self.num_targets:
+            raise StateError(f"positions, velocities, references, targets: sizes {sizes}, needed {wanted}")
+        result = StackResult(
             *_solve(
                 self._tree, q, self._table, self._task_table, references, targets, self._shape, self.bounds,
-                self._buffers, np.asarray(v_start, dtype=float), self.robot.v_max, period, self._damping,
-                self._task_damping, self.rows,
+                self._buffers, v_start, self.robot.v_max, period, self._damping, self._task_damping, self.rows,
             )
         )  # fmt: skip
+        if result.status < 0:
+            raise StateError("positions, velocities, references or targets of the priority stack: not finite")
+        return result
+
+    def constraints(self, q: Array, targets: Array) -> tuple[Array, Array, Array]:
+        """Return values (c,), Jacobian (c, n) and own rates (c,) of the constraints, all as upper bounds."""
+        R_WL, p_WL, S, _, _ = tree_kinematics(*self._tree, q, np.zeros_like(q))
+        return feature_table(self._tree[0], S, R_WL, p_WL, q, *self._table, targets)
 
 
 def evaluate_component(
@@ -230,6 +240,8 @@ def _solve(
     )
     JT, rates, errors = _task_rows(parent, S, R_WL, p_WL, q, task_table, references, targets, total)
     buffer_p, buffer_v, gain = buffers
+    if not np.isfinite(q.sum() + v_start.sum() + references.sum() + targets.sum()):
+        return v_start, x, errors, 0.0, -1, x, JT
     v, h, scale, status = solve_stack(
         shape[0], shape[1], shape[2], JT, rates, JC, x, own, bounds, buffer_p, buffer_v, gain, v_start, v_max, period,
         lam_s, mu,

@@ -13,8 +13,9 @@ from pydrake.systems.framework import DiagramBuilder
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.experiment import Log
-from saphari_drake.simulation.figures import CYCLE, Line, Panel, blank, draw_panel
+from saphari_drake.simulation.figures import CYCLE, Line, Panel, blank, draw_panel, time_panels
 from saphari_drake.simulation.overlays import Marker
+from saphari_drake.simulation.priority_arm_cell import ThreeLevelCell, add_arm
 from saphari_drake.simulation.priority_planar import PlanarCell
 from saphari_drake.simulation.replay import write_replay
 
@@ -96,3 +97,36 @@ def planar_replay(cell: PlanarCell, log: Log, path: Path, title: str) -> None:
     ]
     view = ((2.5, 0.0, 11.0), (2.5, 0.1, 0.0))
     write_replay(path, plant, log.time[rows], log["position"][rows], goals, camera=view, title=title)
+
+
+def three_level_figure(cell: ThreeLevelCell, log: Log, title: str) -> Figure:
+    """Return clearance, activations, path error, elbow and speed over time."""
+    p = cell.job.params
+    shown = [i for i in range(log["activation"].shape[1]) if log["activation"][:, i].max() > 0.01]
+    sides = cell.controller.stack.sides
+    lines: list[Line | str] = [
+        Line("activation", i, sides[i][0].component.name, CYCLE[k % len(CYCLE)], "-" if k < len(CYCLE) else "--")
+        for k, i in enumerate(shown)
+    ]
+    panels = [
+        Panel("Least clearance from the person", [Line("clearance_min")], "[m]", {"bound": p.clearance}),
+        Panel("Activation", lines, "h", limits=(-0.05, 1.05)),
+        Panel("Error of the end-effector path", [Line("path_error", 0, "‖e‖", RED)], "[m]"),
+        Panel("Elbow", [Line("elbow", 1, "y", MAGENTA)], "y [m]", {"soft low": p.elbow[0], "soft high": p.elbow[1]}),
+        Panel("Largest commanded speed", [Line("speed_share", 0, "|q̇|/limit")], "share", {"limit": 1.0}),
+    ]
+    return time_panels(log, panels, title)
+
+
+def three_level_replay(cell: ThreeLevelCell, log: Log, path: Path, title: str) -> None:
+    """Write the run as a page that plays offline: arm, person and the point that the end effector should be at."""
+    rows = slice(None, None, 20)
+    persons = log["person"][rows].reshape(-1, 2, 6)
+    overlays = [
+        Marker("hand", persons[:, 0, :3], 0.065, (0.84, 0.37, 0.0)),
+        Marker("elbow", persons[:, 1, :3], 0.065, (0.84, 0.37, 0.0)),
+        Marker("reference", log["reference"][rows, :3], 0.015, (0.0, 0.62, 0.45)),
+    ]
+    view = ((1.9, -1.2, 1.2), (0.3, 0.0, 0.5))
+    times, q = log.time[rows], log["position"][rows]
+    write_replay(path, lambda builder: add_arm(builder, cell.job), times, q, overlays, camera=view, title=title)
