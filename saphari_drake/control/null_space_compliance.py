@@ -157,6 +157,7 @@ class NullSpaceComplianceController(LeafSystem):
             p.gamma,
             gain(p.K_v, p.K_v, "K_v"),
             gain(p.K_p, p.K_p, "K_p"),
+            gain(1.0, p.rotation_length, "scale"),
             p.period,
         )
         self._fade = float(np.exp(-p.period / p.yield_time))
@@ -179,17 +180,18 @@ class NullSpaceComplianceController(LeafSystem):
         return task, R_WL @ self._R_LE, terms.p_WL[link] + R_WL @ self._p_LE, J @ terms.v
 
     def _gamma_bound(self, samples: int = 40) -> float:
-        """Evaluate the bound of γ on postures around home, and μ_x for motions along each task direction."""
-        robot, coriolis, inertia = self._robot, 0.0, []
+        """Evaluate the bound of γ on postures around home, in metres, and μ_x for motions along each task direction."""
+        robot, coriolis, inertia, scale = self._robot, 0.0, [], self.gains.scale
+        unit = np.outer(scale, scale)
         for offset in np.random.default_rng(0).uniform(-1.0, 1.0, (samples, robot.n)) * self._params.gamma_region:
             q = np.clip(robot.home + offset, robot.q_min, robot.q_max)
             rest = self.kinematics(evaluate_dynamics(robot, q, np.zeros(robot.n)))[0]
-            inertia.append(rest.Lambda)
+            inertia.append(rest.Lambda / unit)
             for k in range(self.m):
-                moving = self.kinematics(evaluate_dynamics(robot, q, rest.J_inv[:, k]))[0]
+                moving = self.kinematics(evaluate_dynamics(robot, q, rest.J_inv[:, k] / scale[k]))[0]
                 mu = np.column_stack([moving.coriolis(w) for w in np.eye(self.m)])
-                coriolis = max(coriolis, float(np.linalg.norm(mu, 2)))
-        return gamma_bound(np.array(inertia), self.gains.K_x, self.gains.D, coriolis)
+                coriolis = max(coriolis, float(np.linalg.norm(mu / unit, 2)))
+        return gamma_bound(np.array(inertia), self.gains.K_x / scale**2, self.gains.D / scale**2, coriolis)
 
     def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()

@@ -33,6 +33,7 @@ class TaskGains(NamedTuple):
     gamma: float  # 1/s, Proposition 2
     K_v: Array  # (m,) 1/s, Proposition 3
     K_p: Array  # (m,) 1/s², Proposition 3
+    scale: Array  # (m,) 1, or m/rad: length that makes rotation comparable
     period: float  # s
 
 
@@ -77,9 +78,10 @@ def task_error(R: Array, p: Array, V: Array, R_d: Array, p_d: Array, V_d: Array,
     return TaskError(np.concatenate([turn, p_d - p]), velocity, rate, A_d)
 
 
-def saturated(error: Array) -> Array:
-    """Return f(x̃) = x̃ / (1 + ‖x̃‖) (44), never longer than 1 (m,)."""
-    return error / (1.0 + float(np.sqrt(error @ error)))
+def saturated(error: Array, scale: Array) -> Array:
+    """Return f(x̃) = x̃ / (1 + ‖x̃‖) (44) with the norm in metres: rotation counts by the length `scale` (m,)."""
+    scaled = scale * error
+    return error / (1.0 + float(np.sqrt(scaled @ scaled)))
 
 
 def task_force(observer: str, task: TaskSpace, e: TaskError, estimate: Array, v: Array, gains: TaskGains) -> TaskForce:
@@ -118,7 +120,7 @@ def task_force(observer: str, task: TaskSpace, e: TaskError, estimate: Array, v:
     force = task.Lambda @ feedforward + task.coriolis(e.velocity) + D @ e.velocity + gains.K_x * e.error
     if observer == "none":
         return TaskForce(force, np.zeros_like(compensation), np.zeros_like(v))
-    return TaskForce(force, compensation, task.J_inv @ (e.velocity + gains.gamma * saturated(e.error)))
+    return TaskForce(force, compensation, task.J_inv @ (e.velocity + gains.gamma * saturated(e.error, gains.scale)))
 
 
 def null_space_torque(

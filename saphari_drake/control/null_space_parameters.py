@@ -35,6 +35,8 @@ class NullSpaceComplianceParameters:
     K_x_rotation: float = 5.0
     # 1/s; weight of the error in the observer, Proposition 2; checked against `gamma_bound`.
     gamma: float = 0.5
+    # m/rad; length at which a rotation counts like a distance, Proposition 2.
+    rotation_length: float = 0.1
     # rad; the postures around the home posture for which gamma is checked.
     gamma_region: float = 0.2
     # 1/s and 1/s²; damping and stiffness over inertia, Proposition 3.
@@ -65,8 +67,8 @@ class NullSpaceComplianceParameters:
             if np.size(getattr(self, name)) not in ((1,) if name == "K_x_rotation" else (1, 3)):
                 raise ParameterError(name, f"needs one value or three, got {getattr(self, name)}")
         require_positive(
-            self, "gamma", "null_stiffness", "null_damping", "threshold_band", "yield_time", "yield_damping",
-            "max_effective_mass", "max_effective_inertia", "period",
+            self, "gamma", "rotation_length", "null_stiffness", "null_damping", "threshold_band", "yield_time",
+            "yield_damping", "max_effective_mass", "max_effective_inertia", "period",
         )  # fmt: skip
         require_non_negative(self, "gamma_region")
         if not self.torque_threshold > 0.0:

@@ -20,7 +20,7 @@ class DisturbanceObserverParameters:
 
     # 1/s; frequency of the loop through the estimate, with Γ⁻¹ = rate² M(home), which is the same for heavy and light
     # parts of the arm. A.
-    rate: float = 50.0
+    rate: float = 60.0
     # Diagonal of Γ instead, one value or one a joint; empty: as above. A small one suits continuous time: 0.002 makes a
     # loop of 400 1/s through the wrist of the LWR4, which is unstable at a cycle of 2 ms. A.
     Gamma: list[float] | float = field(default_factory=list)

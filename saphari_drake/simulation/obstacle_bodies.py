@@ -205,7 +205,7 @@ class WallParameters:
 def add_wall(plant: MultibodyPlant, params: WallParameters, p_WS: Array, normal: Array) -> RigidBody:
     """Add the wall, the middle of its surface at p_WS (m) and its unit normal towards the arm."""
     instance = plant.AddModelInstance("wall")
-    body = plant.AddRigidBody("wall", instance, SpatialInertia.SolidCubeWithMass(1.0, 0.1))
+    body = plant.AddRigidBody("wall", instance, SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
     R_WP = RotationMatrix.MakeFromOneVector(normal, 2)
     X_WP = RigidTransform(R_WP, p_WS - 0.5 * params.thickness * normal)
     plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WP)

@@ -1,0 +1,88 @@
+"""An elastic ball pushes the arm near its fourth joint while the end effector stays (Section 5, first experiments)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.null_space_run import CASES, NullSpaceScenario, Run, Runs, build, comparison, replay
+
+RUNS = Runs()
+
+
+def scenario_for(case: str) -> NullSpaceScenario:
+    """Return the scenario of a case."""
+    scenario = NullSpaceScenario(case=case)
+    scenario.system.controller.observer = case
+    scenario.system.controller.gamma = 1.0
+    if case == "task_error_pd":  # the error's own stiffness works against its observer, which therefore is faster
+        scenario.system.disturbance.rate = 80.0
+    return scenario
+
+
+def build_diagram(scenario: NullSpaceScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return build(scenario).diagram
+
+
+def run(scenario: NullSpaceScenario, options: RunOptions) -> Outcome:
+    """Run a scenario, and the same without an observer for comparison, and judge it."""
+    result, reference = RUNS.get(scenario, options), RUNS.get(scenario, observer="none")
+
+    def draw():
+        runs = {case: RUNS.get(scenario, observer=case) for case in CASES}
+        return comparison(runs, "Ball of 1200 N/m at the fourth joint, end effector at rest (first set of experiments)")
+
+    title = f"Null-space compliance, ball: {scenario.case} (green: contact force)"
+    return Outcome(judged(result, reference), result.log, draw, lambda path: replay(result, Path(path), title))
+
+
+def judged(result: Run, reference: Run) -> list[Metric]:
+    """Return the metrics of the contract, and those that explain them."""
+    scenario, log = result.setup.scenario, result.log
+    ball = scenario.system.cell.ball
+    dwell = log.between(ball.departure - 0.5, ball.departure)
+    error = float(np.mean(result.error()[dwell]))
+    low, high = -np.inf, 1e-5
+    expected = steady_error(result, dwell)
+    if scenario.case == "none":
+        low, high = 0.99 * expected, 1.01 * expected
+    elbow, elbow_none = float(result.elbow()[dwell].mean()), float(reference.elbow()[dwell].mean())
+    force = np.linalg.norm(log["contact"][:, :3], axis=1)
+    estimate = -log["residual"][dwell] + log["contact_torque"][dwell]
+    return [
+        Metric("dwell_error_m", error, "m", low, high, "goes to zero with an observer"),
+        Metric("dwell_error_expected_m", expected if scenario.case == "none" else 0.0, "m"),
+        Metric("dwell_error_ratio", float(np.mean(reference.error()[dwell])) / error, "1"),
+        Metric("transient_error_m", float(result.error().max()), "m", high=np.inf if scenario.case == "none" else 3e-4),
+        Metric("elbow_displacement_m", elbow, "m", 0.99 * elbow_none, 1.01 * elbow_none, "compliant in the null space"),
+        Metric("peak_force_N", float(force.max()), "N"),
+        Metric("residual_error_Nm", float(np.abs(estimate.mean(axis=0)).max()), "Nm"),
+        Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
+        Metric("real_time_factor", scenario.duration / result.wall, "1", 1.0, decides=False),
+    ]
+
+
+def steady_error(result: Run, rows: np.ndarray) -> float:
+    """Return ‖K⁻¹ J_M^{#T} τ_ext‖ (m), the error that stays without an observer, from the true external torque."""
+    log, controller = result.log, result.setup.parts.controller
+    q, torque = log["position"][rows].mean(axis=0), -log["contact_torque"][rows].mean(axis=0)
+    task = controller.kinematics(evaluate_dynamics(result.setup.robot, q, np.zeros(len(q))))[0]
+    return float(np.linalg.norm((task.J_inv.T @ torque / controller.gains.K_x)[-3:]))
+
+
+EXPERIMENT = Experiment(
+    name="null_space_ball",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+    accepts_model=True,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))

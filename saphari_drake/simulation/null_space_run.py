@@ -1,0 +1,224 @@
+"""What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.contact_run import load_robot
+from saphari_drake.simulation.experiment import RunOptions, advance
+from saphari_drake.simulation.figures import CYCLE, blank, legend
+from saphari_drake.simulation.log import Log
+from saphari_drake.simulation.null_space_cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
+from saphari_drake.simulation.obstacle_cell import add_obstacle_cell
+from saphari_drake.simulation.recorder import Recorder
+from saphari_drake.simulation.replay import Arrow, write_replay
+from saphari_drake.simulation.scenario import dump, to_tree
+from saphari_drake.simulation.task_motion import StraightMotion, StraightMotionParameters
+
+Array = NDArray[np.float64]
+CASES = {
+    "none": "no observer: task-space PD+ and null-space impedance",
+    "task_error": "observer from the task error, Proposition 1",
+    "task_error_pd": "PD+ with observer from the task error, Proposition 2",
+    "momentum": "observer from the generalized momentum, Proposition 3",
+}
+RECORD_PERIOD = 0.01  # s
+
+
+@dataclass
+class NullSpaceScenario:
+    """Everything a run depends on."""
+
+    case: str = "momentum"
+    # Seed of where the obstacle touches.
+    seed: int = 0
+    # s.
+    duration: float = 16.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start, and rest posture of the body. Empty: the model's own home.
+    home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
+    # m; the obstacle misses the aimed point by up to this along the link.
+    aim_spread: float = 0.01
+    # Whether the end effector moves along `motion`, or stays.
+    moving: bool = False
+    motion: StraightMotionParameters = field(default_factory=StraightMotionParameters)
+    system: NullSpaceCellParameters = field(default_factory=NullSpaceCellParameters)
+
+
+@dataclass
+class Setup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: NullSpaceScenario
+    robot: RobotModel
+    diagram: Diagram
+    parts: NullSpaceCell
+    recorder: Recorder
+
+
+@dataclass
+class Run:
+    """A finished run."""
+
+    setup: Setup
+    log: Log
+    wall: float  # s
+
+    def task_forces(self) -> tuple[Array, Array, Array]:
+        """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
+        log, controller, robot = self.log, self.setup.parts.controller, self.setup.robot
+        rows: list[list[Array]] = [[], [], []]
+        torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
+        for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
+            J_inv = controller.kinematics(evaluate_dynamics(robot, q, v))[0].J_inv
+            for row, torque in zip(rows, torques):
+                row.append(J_inv.T @ torque[k])
+        return np.array(rows[0]), np.array(rows[1]), np.array(rows[2])
+
+    def elbow(self) -> Array:
+        """Return the displacement (T,) of the end of the touched link (origin of the next one) from the start (m)."""
+        cell, robot = self.setup.scenario.system.cell, self.setup.robot
+        touch = cell.wall.touch if cell.obstacle == "wall" else cell.ball.touch
+        link = min(robot.link_index(touch.link) + 1, robot.n - 1)
+        path = np.array([point_position(robot, q, link, np.zeros(3)) for q in self.log["position"]])
+        return np.asarray(np.linalg.norm(path - path[0], axis=1))
+
+    def error(self) -> Array:
+        """Return the distance from the desired position (T,) (m)."""
+        return np.asarray(np.linalg.norm(self.log["task_error"][:, -3:], axis=1))
+
+
+def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
+    """Build the diagram of a scenario, with its recorder."""
+    robot = load_robot(scenario.robot, scenario.home)
+    builder = DiagramBuilder()
+    parts = add_null_space_cell(builder, robot, _aimed(scenario))
+    if scenario.moving:
+        _, R, p, _ = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        motion = StraightMotion(RigidTransform(RotationMatrix(R), p), scenario.motion)
+        builder.AddNamedSystem("motion", motion)
+        for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
+            builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
+    recorder = _record(builder, parts)
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+    return Setup(scenario, robot, builder.Build(), parts, recorder)
+
+
+def _aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
+    """Return the system's parameters with the obstacle shifted along the touched link by the seed."""
+    system: NullSpaceCellParameters = deepcopy(scenario.system)
+    shift = scenario.aim_spread * float(np.random.default_rng(scenario.seed).uniform(-1.0, 1.0))
+    for touch in (system.cell.ball.touch, system.cell.wall.touch):
+        touch.aim = [touch.aim[0], touch.aim[1], touch.aim[2] + shift]
+    return system
+
+
+def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
+    recorder, cell = Recorder(builder, RECORD_PERIOD), parts.cell
+    n, num_positions = cell.robot.n, cell.plant.num_positions()
+    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
+    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
+    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder.add("contact_torque", cell.contact_torque, "Nm")
+    recorder.add("contact", cell.plant.get_contact_results_output_port(), "N, m", contact_on_robot, 6)
+    recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
+    recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
+    for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
+        recorder.add(name, parts.controller.GetOutputPort(name), unit)
+    return recorder
+
+
+def contact_on_robot(results: ContactResults) -> Array:
+    """Return the obstacle's force (N, world) and its point (m, world), zeros without contact; there is one obstacle."""
+    force, point = np.zeros(3), np.zeros(3)
+    for i in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(i)
+        # contact_force() acts on body B; the robot was added first and has the lower index.
+        force += info.contact_force() * (1.0 if info.bodyB_index() < info.bodyA_index() else -1.0)
+        point = info.contact_point()
+    return np.concatenate([force, point])
+
+
+class Runs:
+    """Runs of one process, each made once: a case and the runs that it is compared with."""
+
+    def __init__(self) -> None:
+        self._done: dict[str, Run] = {}
+
+    def get(self, scenario: NullSpaceScenario, options: RunOptions | None = None, **changes: Any) -> Run:
+        """Return the run of a scenario, with its case (`observer`) or its `obstacle` changed."""
+        scenario = deepcopy(scenario)
+        observer = changes.get("observer", scenario.case)
+        scenario.case = scenario.system.controller.observer = observer
+        scenario.system.cell.obstacle = changes.get("obstacle", scenario.system.cell.obstacle)
+        key = dump(to_tree(scenario))
+        if key not in self._done:
+            options = options or RunOptions()
+            setup = build(scenario, options.meshcat)
+            simulator = Simulator(setup.diagram)
+            simulator.set_target_realtime_rate(options.realtime_rate)
+            simulator.Initialize()
+            wall = advance(simulator, scenario.duration, observer)
+            self._done[key] = Run(setup, setup.recorder.log(setup.diagram, simulator.get_context()), wall)
+        return self._done[key]
+
+
+def comparison(runs: Mapping[str, Run], title: str) -> Figure:
+    """Return the figure that compares all cases: task error, contact force, elbow, external torque at the task."""
+    figure, grid = blank(5, 1, title, share_time=True)
+    axes = grid[:, 0]
+    heads = (
+        ("Task error", "‖x̃‖ [mm]"),
+        ("Task error with an observer", "‖x̃‖ [mm]"),
+        ("Contact force", "‖F‖ [N]"),
+        ("Elbow displacement", "[mm]"),
+        ("External torque as the task feels it, estimated and true (dotted)", "‖τ‖ at the task [N]"),
+    )
+    for ax, (head, label) in zip(axes, heads):
+        ax.set_title(head, loc="left")
+        ax.set_ylabel(label)
+    for (case, run), color in zip(runs.items(), CYCLE):
+        t, style = run.log.time, {"color": color, "label": case}
+        axes[0].plot(t, 1e3 * run.error(), **style)
+        if case != "none":
+            axes[1].plot(t, 1e3 * run.error(), **style)
+        axes[2].plot(t, np.linalg.norm(run.log["contact"][:, :3], axis=1), **style)
+        axes[3].plot(t, 1e3 * run.elbow(), **style)
+        true, observed, residual = run.task_forces()
+        if case != "none":
+            estimate = residual if case == "momentum" else observed
+            axes[4].plot(t, np.linalg.norm(estimate, axis=1), **style)
+        axes[4].plot(t, np.linalg.norm(true, axis=1), ":", color=color)
+    for ax in axes:
+        legend(ax)
+    figure.align_ylabels()
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def replay(run: Run, path: Path, title: str) -> None:
+    """Write the run as a page that plays offline, with the contact force as an arrow."""
+    robot, scale = run.setup.robot, 0.01
+
+    def plant(builder: DiagramBuilder):
+        return add_obstacle_cell(builder, robot, _aimed(run.setup.scenario).cell).plant
+
+    force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
+    arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
+    camera = ((1.6, 1.6, 1.2), (0.2, 0.0, 0.5))
+    write_replay(path, plant, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title)

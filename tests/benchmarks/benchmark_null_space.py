@@ -1,0 +1,67 @@
+"""Wall time of one 2 ms cycle of the null-space compliance: sensor, dynamics, observer and controller, on one thread.
+
+Run: python tests/benchmarks/benchmark_null_space.py
+"""
+
+import os
+import time
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np  # noqa: E402
+from pydrake.systems.analysis import Simulator  # noqa: E402
+from pydrake.systems.framework import DiagramBuilder  # noqa: E402
+
+from saphari_drake.robots.catalog import lwr4  # noqa: E402
+from saphari_drake.simulation.null_space_cell import (  # noqa: E402
+    PERIOD,
+    NullSpaceCellParameters,
+    add_null_space_control,
+)
+
+CYCLES, WARM_UP = 1200, 100
+
+
+def main() -> None:
+    """Print the wall time of whole cycles and of controller with observer alone, for every observer and task."""
+    print(f"{'observer':16}{'task':10}{'whole cycle ms':>16}{'p95':>8}{'controller + observer ms':>26}{'p95':>8}")
+    for task in ("position", "pose"):
+        for observer in ("none", "task_error", "task_error_pd", "momentum"):
+            whole, own = cycles(observer, task)
+            row = f"{np.median(whole):16.3f}{np.percentile(whole, 95):8.3f}"
+            print(f"{observer:16}{task:10}{row}{np.median(own):26.3f}{np.percentile(own, 95):8.3f}")
+
+
+def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return wall times (ms) of cycles: all systems with Drake's event loop, and what follows the dynamics."""
+    params = NullSpaceCellParameters()
+    params.controller.observer, params.controller.task, params.controller.gamma = observer, task, 0.05
+    robot, builder = lwr4(), DiagramBuilder()
+    sensor, controller, _, _ = add_null_space_control(builder, robot, params)
+    builder.ExportInput(sensor.GetInputPort("state"), "state")
+    builder.ExportOutput(controller.GetOutputPort("torque_commanded"), "torque")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    state, torque, rng = diagram.get_input_port(0), diagram.get_output_port(0), np.random.default_rng(0)
+    state.FixValue(context, np.concatenate([robot.home, np.zeros(robot.n)]))
+    simulator.Initialize()
+    dynamics = diagram.GetSubsystemByName("dynamics")
+    own_context = dynamics.GetMyContextFromRoot(context)
+    whole, own = np.zeros(CYCLES), np.zeros(CYCLES)
+    for k in range(CYCLES):
+        q = robot.home + 0.05 * np.sin(2e-3 * k + np.arange(robot.n)) + 1e-6 * rng.normal(size=robot.n)
+        state.FixValue(context, np.concatenate([q, np.zeros(robot.n)]))
+        start = time.perf_counter()
+        simulator.AdvanceTo((k + 1.5) * PERIOD)
+        dynamics.GetOutputPort("dynamics").Eval(own_context)
+        middle = time.perf_counter()
+        torque.Eval(context)
+        end = time.perf_counter()
+        whole[k], own[k] = 1e3 * (end - start), 1e3 * (end - middle)
+    return whole[WARM_UP:], own[WARM_UP:]
+
+
+if __name__ == "__main__":
+    main()
