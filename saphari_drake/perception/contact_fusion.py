@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageDepth32F
 
@@ -33,7 +34,7 @@ class _Memory(Immutable):
     evidence: FusionMemory
     fusion: Fusion
     stamp: float = -np.inf  # s, of the newest frame in it
-    human_points: NDArray[np.float64] = _NOBODY
+    human_points: NDArray[np.float64] = field(default_factory=lambda: _NOBODY)
 
 
 class ContactFusion(LeafSystem):
@@ -84,6 +85,8 @@ class ContactFusion(LeafSystem):
     localizer : LocalizerParameters, optional
     backgrounds : sequence of (height, width) float32 arrays, optional
         Static background of each camera, see `background_depth`.
+    poses : sequence of RigidTransform, optional
+        Pose X_WC of each camera where it is known better than from its parameters, see `check_camera`.
     period : float
         Time between looks at the inputs (s).
 
@@ -100,6 +103,7 @@ class ContactFusion(LeafSystem):
         params: FusionParameters | None = None,
         localizer: LocalizerParameters | None = None,
         backgrounds: Sequence[Depth | None] | None = None,
+        poses: Sequence[RigidTransform | None] | None = None,
         period: float = 0.005,
     ) -> None:
         super().__init__()
@@ -107,11 +111,16 @@ class ContactFusion(LeafSystem):
             raise ParameterError("period", f"must be positive and finite, got {period}")
         if len(cameras) == 0:
             raise ParameterError("cameras", "at least one is needed")
-        given = list(backgrounds) if backgrounds is not None else [None] * len(cameras)
-        if len(given) != len(cameras):
-            raise ParameterError("backgrounds", f"needs one a camera ({len(cameras)}), got {len(given)}")
+        none = [None] * len(cameras)
+        given, placed = list(backgrounds or none), list(poses or none)
+        for name, entries in (("backgrounds", given), ("poses", placed)):
+            if len(entries) != len(cameras):
+                raise ParameterError(name, f"needs one a camera ({len(cameras)}), got {len(entries)}")
         self._robot, self._localizer = robot, localizer or LocalizerParameters()
-        visions = [ContactVision(robot.shapes, c, self._localizer, b) for c, b in zip(cameras, given)]
+        visions = [
+            ContactVision(robot.shapes, camera, self._localizer, background, X_WC)
+            for camera, background, X_WC in zip(cameras, given, placed)
+        ]
         self._law = ContactFusionLaw(robot, visions, params or FusionParameters())
         self._law.compile()
         self._kept = int(np.ceil(self._localizer.memory / period)) + 1

@@ -74,7 +74,9 @@ class FusionParameters:
             "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
             "second_distance",
         )  # fmt: skip
-        require_non_negative(self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force", "second_cost")
+        require_non_negative(
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force", "second_cost"
+        )
         if not 0.0 <= self.memory <= 1.0:
             raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
         if not 0.0 < self.rcond < 1.0:
@@ -177,7 +179,8 @@ class ContactFusionLaw:
             memory = self.remember(self.empty(), self.evidence(robot.home, rng.normal(size=robot.n) * 10.0, images))
             self.decide(memory)
         link = int(self.candidates.link[-1])
-        ends = [Mode(link, sign * np.ones(3) * 0.1, np.ones(3) / np.sqrt(3.0), 0.0, True, 0.0, 0.01) for sign in (1, -1)]
+        normal = np.ones(3) / np.sqrt(3.0)
+        ends = [Mode(link, sign * normal, normal, 0.0, True, 0.0, 0.01) for sign in (1.0, -1.0)]
         self._both(memory, ends, ends[0])
 
     def empty(self) -> FusionMemory:
@@ -259,7 +262,7 @@ class ContactFusionLaw:
 
     def decide(self, memory: FusionMemory) -> Fusion:
         """Return the contacts, the second mode and the forces."""
-        p, c = self.params, self.candidates
+        p = self.params
         if memory.count == 0:
             return Fusion([], None, 0.0, np.zeros((0, 3)))
         seen = self._seen(memory)
@@ -337,9 +340,8 @@ class ContactFusionLaw:
     def _both(self, memory: FusionMemory, seen: list[Mode], single: Mode) -> list[Mode]:
         """Return two seen contacts if they explain the newest residual much better together than any one alone."""
         p, r = self.params, memory.r[-1]
-        newest = replace(
-            memory, S=memory.S[-1:], R_WL=memory.R_WL[-1:], p_WL=memory.p_WL[-1:], r=memory.r[-1:], seen=memory.seen[-1:]
-        )
+        latest = {name: getattr(memory, name)[-1:] for name in ("S", "R_WL", "p_WL", "r", "seen")}
+        newest = replace(memory, **latest)
         least = min(self._refined(newest, mode, mode.prior).cost for mode in (single, *seen)) + p.second_cost
         chosen: list[Mode] = []
         for i, j in combinations(range(len(seen)), 2):

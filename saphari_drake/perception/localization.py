@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
@@ -70,8 +71,8 @@ class LocalizerParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "points_stride", "timeout",
-            "time_constant", "jump", "switch_frames", "memory",
+            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "points_stride",
+            "timeout", "time_constant", "jump", "switch_frames", "memory",
         )  # fmt: skip
         require_non_negative(self, "thickness", "least_thickness", "most_thickness")
         if self.most_thickness < self.least_thickness:
@@ -164,6 +165,8 @@ class ContactVision:
     params : LocalizerParameters
     background : (height, width) float32 array, optional
         As `background_depth` gives it; default: nothing but the robot and the person is in view.
+    X_WC : RigidTransform, optional
+        Pose of the camera, such as a corrected one; default: that of its parameters.
     """
 
     def __init__(
@@ -172,6 +175,7 @@ class ContactVision:
         camera: CameraParameters,
         params: LocalizerParameters,
         background: Depth | None = None,
+        X_WC: RigidTransform | None = None,
     ) -> None:
         size = (camera.height, camera.width)
         if background is None:
@@ -181,7 +185,7 @@ class ContactVision:
         if shapes.count > 127:
             raise ParameterError("robot", f"at most 127 collision shapes are supported, got {shapes.count}")
         self.shapes, self.params = shapes, params
-        X_WC = camera_pose(camera)
+        X_WC = camera_pose(camera) if X_WC is None else X_WC
         self._R_WC, self._p_WC = X_WC.rotation().matrix(), X_WC.translation()
         self.x, self.y = ray_tables(camera)
         self.pinhole = camera.focal_x, camera.focal_y, *camera.center

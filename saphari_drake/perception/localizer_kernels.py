@@ -274,7 +274,7 @@ def soft_minimum(z, x, y, kind, size, link, R_CS, p_CS, best, owner, human, regi
                 count += 1
     votes = np.zeros(link.shape[0])
     first, second = np.zeros(3), np.zeros((3, 3))
-    for turn in range(rounds):
+    for _ in range(rounds):
         mean, first[:], second[:], votes[:] = np.zeros(3), 0.0, 0.0, 0.0
         weights, members = 0.0, 0
         for k in range(count):

@@ -134,7 +134,6 @@ class ContactScenes:
 
     def _add_hand(self, kind: str, hand: int):
         """Add a free body: z away from the contact, origin at the tip of the finger, or of the fist without one."""
-        finger, length, fist, arm, arm_length = self.sizes[hand]
         name = f"{kind}_{hand}"
         body = self.plant.AddRigidBody(
             name, self.plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05)
@@ -190,8 +189,10 @@ class ContactScenes:
             X_WH = self._hand_pose(rng, kind, hand, p, n)
             if p[2] < 0.05 or not self._clear(kind, hand, X_WH, p, R_WS, p_WS):
                 continue
-            if other is not None and np.linalg.norm(terms.p_WL[other.link] + terms.R_WL[other.link] @ other.p_L - p) < 0.15:
-                continue
+            if other is not None:
+                p_other = terms.p_WL[other.link] + terms.R_WL[other.link] @ other.p_L
+                if np.linalg.norm(p_other - p) < 0.15:
+                    continue
             R_WL, p_WL = terms.R_WL[link], terms.p_WL[link]
             X_LH = RigidTransform(RotationMatrix(R_WL), p_WL).inverse() @ X_WH
             v = rng.uniform(-1.0, 1.0, self.robot.n) * self.params.speed
@@ -266,7 +267,8 @@ class ContactScenes:
         if p_C[2] < params.near:
             return False
         reach = self.params.visible_radius / p_C[2] * 1.3
-        cols, rows = np.flatnonzero(np.abs(x - p_C[0] / p_C[2]) < reach), np.flatnonzero(np.abs(y - p_C[1] / p_C[2]) < reach)
+        cols = np.flatnonzero(np.abs(x - p_C[0] / p_C[2]) < reach)
+        rows = np.flatnonzero(np.abs(y - p_C[1] / p_C[2]) < reach)
         if len(cols) == 0 or len(rows) == 0:
             return False
         z = image[np.ix_(rows, cols)]
