@@ -104,7 +104,7 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
     advance(simulator, scenario.duration, scenario.case)
     log = cell.recorder.log(cell.diagram, simulator.get_context())
     add_derived(cell, log)
-    metrics = judge_planar(cell, log, scenario.case) + drake_baseline(cell, log)
+    metrics = judge_planar(cell, log, scenario.case) + drake_baseline(cell, log, scenario.case)
     title = f"Reverse priority: {CASES[scenario.case]} (layout of Fig. 4)"
     return Outcome(
         metrics, log, lambda: planar_figure(cell, log, title), lambda path: planar_replay(cell, log, path, title)

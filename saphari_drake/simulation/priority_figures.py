@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from saphari_drake.control.priority_tasks import Bound
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.experiment import Log
@@ -105,7 +106,7 @@ def three_level_figure(cell: ThreeLevelCell, log: Log, title: str) -> Figure:
     shown = [i for i in range(log["activation"].shape[1]) if log["activation"][:, i].max() > 0.01]
     sides = cell.controller.stack.sides
     lines: list[Line | str] = [
-        Line("activation", i, sides[i][0].component.name, CYCLE[k % len(CYCLE)], "-" if k < len(CYCLE) else "--")
+        Line("activation", i, _side(*sides[i]), CYCLE[k % len(CYCLE)], "-" if k < len(CYCLE) else "--")
         for k, i in enumerate(shown)
     ]
     panels = [
@@ -130,3 +131,7 @@ def three_level_replay(cell: ThreeLevelCell, log: Log, path: Path, title: str) -
     view = ((1.9, -1.2, 1.2), (0.3, 0.0, 0.5))
     times, q = log.time[rows], log["position"][rows]
     write_replay(path, lambda builder: add_arm(builder, cell.job), times, q, overlays, camera=view, title=title)
+
+
+def _side(bound: Bound, sign: float) -> str:
+    return f"{bound.component.name}, {'upper' if sign > 0 else 'lower'}"

@@ -67,7 +67,12 @@ def planar_levels(robot: RobotModel, params: PlanarParameters, case: str) -> lis
     task = position_task(robot, "tip", "xy", params.gain)
     upper = Bound(y4, upper=params.upper, buffer=params.buffer, velocity_buffer=params.velocity_buffer)
     lower = Bound(y4, lower=params.lower, buffer=params.buffer, velocity_buffer=params.velocity_buffer)
-    return {"constrained": [[upper], task, [lower]], "soft_off": [[upper], task], "unconstrained": [task]}[case]
+    stacks: dict[str, list[Level]] = {
+        "constrained": [[upper], task, [lower]],
+        "soft_off": [[upper], task],
+        "unconstrained": [task],
+    }
+    return stacks[case]
 
 
 def tip_position(robot: RobotModel, q: Array) -> Array:
@@ -146,7 +151,7 @@ def goal_errors(cell: PlanarCell, times: Array, tips: Array) -> list[float]:
     return errors
 
 
-def drake_baseline(cell: PlanarCell, log: Log) -> list[Metric]:
+def drake_baseline(cell: PlanarCell, log: Log, case: str) -> list[Metric]:
     """Run the same path through Drake's differential IK, upper bound as its constraint, and time both on its states.
 
     It has no priorities: the soft lower bound cannot be given to it.
@@ -154,7 +159,7 @@ def drake_baseline(cell: PlanarCell, log: Log) -> list[Metric]:
     robot, p = cell.robot, cell.params
     period = p.controller.period
     y4 = plane_distance(robot, "link_5", [0.0, 1.0, 0.0])
-    ik = DifferentialIK(robot, period, np.array([p.upper]))
+    ik = DifferentialIK(robot, period, np.array([p.upper if case != "unconstrained" else 1e6]))
     link, X_LF = robot.frame("tip")
     q, v = robot.home.copy(), np.zeros(robot.n)
     count = len(log.time)
