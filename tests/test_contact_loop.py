@@ -129,6 +129,6 @@ def test_a_contact_point_3_cm_off_keeps_torque_and_motion_bounded(M_d, direction
 def test_without_a_person_the_arm_holds_its_posture():
     """The encoder's steps make no contact and no drift."""
     push = Push("link_6", direction=[0.0, 0.0, -1.0], start=50.0, hold=1.0)
-    robot, log = run([push], duration=1.0)
+    _, log = run([push], duration=1.0)
     assert log["contact"].max() == 0.0
     np.testing.assert_allclose(log["position"][-1], HOME, atol=2e-4)
