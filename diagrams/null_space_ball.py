@@ -18,8 +18,7 @@ def scenario_for(case: str) -> NullSpaceScenario:
     scenario = NullSpaceScenario(case=case)
     scenario.system.controller.observer = case
     scenario.system.controller.gamma = 1.0
-    if case == "task_error_pd":  # the error's own stiffness works against its observer, which therefore is faster
-        scenario.system.disturbance.rate = 80.0
+    scenario.system.disturbance.rate = 80.0
     return scenario
 
 

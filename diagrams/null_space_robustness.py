@@ -28,8 +28,7 @@ def scenario_for(case: str) -> RobustnessScenario:
     scenario = RobustnessScenario(case=case, duration=12.0)
     scenario.system.controller.observer = case
     scenario.system.controller.gamma = 1.0
-    if case == "task_error_pd":  # the error's own stiffness works against its observer, which therefore is faster
-        scenario.system.disturbance.rate = 80.0
+    scenario.system.disturbance.rate = 80.0
     scenario.system.cell.ball.start, scenario.system.cell.ball.dwell = 4.0, 4.0
     return scenario
 

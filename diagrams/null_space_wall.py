@@ -16,12 +16,11 @@ RUNS = Runs()
 def scenario_for(case: str) -> NullSpaceScenario:
     """Return the scenario of a case."""
     scenario = NullSpaceScenario(case=case, duration=10.0, moving=True)
-    scenario.motion = StraightMotionParameters(displacement=[0.0, 0.25, 0.0], travel_time=3.5)
+    scenario.motion = StraightMotionParameters(displacement=[0.0, 0.2, 0.0], travel_time=3.5)
     scenario.system.cell.obstacle = "wall"
     scenario.system.controller.observer = case
     scenario.system.controller.gamma = 1.0
-    if case == "task_error_pd":  # the error's own stiffness works against its observer, which therefore is faster
-        scenario.system.disturbance.rate = 80.0
+    scenario.system.disturbance.rate = 80.0
     return scenario
 
 

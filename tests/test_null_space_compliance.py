@@ -290,3 +290,18 @@ def test_short_run_in_the_cell(lwr4):
     own = parts.momentum.GetMyContextFromRoot(simulator.get_context())
     residual = parts.momentum.GetOutputPort("residual").Eval(own)
     assert np.abs(residual).max() > 1.0
+
+
+def test_friction_sticks_and_payload_weighs(lwr4):
+    """A joint whose load is below its Coulomb friction stays at rest; the payload adds its weight to what is felt."""
+    for payload in (0.0, 1.0):
+        params = NullSpaceCellParameters()
+        params.cell.obstacle, params.cell.friction_share, params.cell.payload = "nothing", 1.0, payload
+        builder = DiagramBuilder()
+        parts = add_null_space_cell(builder, lwr4, params)
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        simulator.AdvanceTo(0.1)
+        state = parts.cell.robot_state.Eval(parts.cell.plant.GetMyContextFromRoot(simulator.get_context()))
+        moved = np.abs(state[:7] - lwr4.home).max()
+        assert moved < 1e-9 if payload == 0.0 else moved < 1e-4

@@ -40,7 +40,7 @@ from saphari_drake.simulation.obstacle_bodies import (
 
 Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
-STICK = 500.0  # Nms/rad; below friction/STICK a joint at rest creeps instead of sticking
+STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
 
 
 @dataclass
@@ -158,7 +158,7 @@ def _torque_input(
     gain[: robot.n] = np.eye(robot.n)[robot.actuator_order]
     brakes = port.size() - robot.n
     if brakes:
-        rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(2 * brakes)))
+        rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(2 * port.size())))
         builder.Connect(rest.get_output_port(), plant.get_desired_state_input_port(instance))
     order = builder.AddNamedSystem("actuator_order", MatrixGain(gain))
     builder.Connect(order.get_output_port(), port)
