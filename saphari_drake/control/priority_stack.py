@@ -13,6 +13,7 @@ from saphari_drake.control.priority_tasks import Bound, Component, FrameTask, Le
 from saphari_drake.errors import ModelError, ParameterError, StateError
 from saphari_drake.math.features import feature, feature_table, point_rows, rotation_error, world_point
 from saphari_drake.math.priority_stack import CONSTRAINTS, TASK, solve_stack
+from saphari_drake.math.products import product
 from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.robots.model import RobotModel
 
@@ -210,7 +211,7 @@ def _task_rows(parent, S, R_WL, p_WL, q, table, references, targets, total):
             point_rows(parent, S, links[i], p_WC, J)
             full[:3] = 0.0
             if axes[i, 0] < 3:
-                R = R_LF[i].copy() if links[i] < 0 else R_WL[links[i]] @ R_LF[i]
+                R = R_LF[i].copy() if links[i] < 0 else product(R_WL[links[i]], R_LF[i])
                 full[:3] = rotation_error(R, r[:9].reshape((3, 3)))
             full[3:] = r[9:12] - p_WC
             for k in range(sizes[i]):

@@ -15,6 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from saphari_drake.math.products import apply, product
+
 JOINT, PLANE, DISTANCE, VIEW = 0, 1, 2, 3
 
 _NEAR = 1e-9  # m; closer than this a target has no direction
@@ -38,7 +40,7 @@ def world_point(R_WL, p_WL, link, p_LC):
     """Return a point of a link in the world; link −1 is the world itself."""
     if link < 0:
         return p_LC.copy()
-    return p_WL[link] + R_WL[link] @ p_LC
+    return p_WL[link] + apply(R_WL[link], p_LC)
 
 
 @njit(cache=True)
@@ -80,7 +82,7 @@ def feature(parent, S, R_WL, p_WL, q, kind, link, p_LC, index, a, length, target
             for j in range(n):
                 row[j] -= u[i] * J[3 + i, j]
         return distance - length, own
-    axis = a.copy() if link < 0 else R_WL[link] @ a
+    axis = a.copy() if link < 0 else apply(R_WL[link], a)
     cosine = axis[0] * u[0] + axis[1] * u[1] + axis[2] * u[2]
     turn = np.cross(axis, u)
     for i in range(3):
@@ -122,7 +124,7 @@ def feature_table(parent, S, R_WL, p_WL, q, kinds, links, points, indices, direc
 @njit(cache=True)
 def rotation_error(R, R_target):
     """Return the rotation vector of R_target Rᵀ (world, rad): the turn that is missing, up to π."""
-    E = R_target @ R.T
+    E = product(R_target, R.T)
     w = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) * 0.5
     s = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     c = 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)

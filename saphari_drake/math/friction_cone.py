@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.math.products import apply, product, symmetric_eigen
+
 Array = NDArray[np.float64]
 
 _ANGLES = 1152
@@ -181,7 +183,7 @@ def cone_minimum(H, b, a, mu, F):
 @njit(cache=True)
 def _truncated(J, rcond):
     """Return J Jᵀ without the directions whose singular value is below `rcond` of the largest, plus a tiny ridge."""
-    values, U = np.linalg.eigh(J @ J.T)
+    values, U = symmetric_eigen(product(J, J.T))
     H = np.zeros((3, 3))
     kept = np.zeros((3, 3))
     for k in range(3):
@@ -218,7 +220,7 @@ def force_in_cone(J, r, inward, mu, rcond):
     """
     H, kept = _truncated(J, rcond)
     F = np.zeros(3)
-    cone_minimum(H, kept @ (J @ r), inward, mu, F)
+    cone_minimum(H, apply(kept, apply(J, r)), inward, mu, F)
     return F
 
 
@@ -235,8 +237,8 @@ def two_forces_in_cones(J1, J2, r, inward1, inward2, mu, rcond, rounds=60):
     last = np.empty((2, 3))
     for _ in range(rounds):
         last[:] = F
-        cone_minimum(H1, kept1 @ (J1 @ (r - J2.T @ F[1])), inward1, mu, F[0])
-        cone_minimum(H2, kept2 @ (J2 @ (r - J1.T @ F[0])), inward2, mu, F[1])
+        cone_minimum(H1, apply(kept1, apply(J1, r - apply(J2.T, F[1]))), inward1, mu, F[0])
+        cone_minimum(H2, apply(kept2, apply(J2, r - apply(J1.T, F[0]))), inward2, mu, F[1])
         if np.max(np.abs(F - last)) < 1e-4:
             break
     return F

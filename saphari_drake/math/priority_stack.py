@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from saphari_drake.math.activation import position_activation, velocity_activation
+from saphari_drake.math.products import apply, product
 from saphari_drake.math.small_solvers import bounded_multipliers, cholesky, solve_lower, solve_upper
 
 TASK, CONSTRAINTS = 0, 1
@@ -40,7 +41,7 @@ def task_step(L, J, b, lam_s, mu, v):
     """Add the step `saphari_drake.math.priority.regularised_step` of a task to v, L the Cholesky factor of W."""
     m, n = J.shape
     K = np.zeros((m, m))
-    A = J @ J.T
+    A = product(J, J.T)
     for i in range(m):
         A[i, i] += lam_s * lam_s
     cholesky(A, K)
@@ -49,11 +50,11 @@ def task_step(L, J, b, lam_s, mu, v):
         solve_lower(K, D[i], m)
         solve_upper(K, D[i], m)
     Y = whitened(L, J)
-    G = Y @ Y.T + mu * (D @ D)
+    G = product(Y, Y.T) + mu * product(D, D)
     cholesky(G, K)
     solve_lower(K, b, m)
     solve_upper(K, b, m)
-    step = Y.T @ b
+    step = apply(Y.T, b)
     solve_upper(L, step, n)
     v += step
 
@@ -105,11 +106,11 @@ def constraint_step(L, J, x, drift, bound, buffer_p, buffer_v, allowed, period, 
     for a in range(count):
         Y[a] = J[rows[a]]
         solve_lower(L, Y[a], n)
-    H = Y @ Y.T
+    H = product(Y, Y.T)
     for a in range(count):
         H[a, a] += H[a, a] * softness[a] + 1e-9
     mu = bounded_multipliers(H, excess[:count])
-    step = Y.T @ mu
+    step = apply(Y.T, mu)
     solve_upper(L, step, n)
     v -= step
 
@@ -167,8 +168,8 @@ def solve_stack(
         if kinds[p] == TASK:
             a, b = ends_t[p - 1] if p > 0 else 0, ends_t[p]
             J = JT[a:b]
-            task_step(L, J, rates[a:b] - J @ v, lam_s, mu, v)
-            W += J.T @ J
+            task_step(L, J, rates[a:b] - apply(J, v), lam_s, mu, v)
+            W += product(J.T, J)
         else:
             a, b = ends_c[p - 1] if p > 0 else 0, ends_c[p]
             constraint_step(

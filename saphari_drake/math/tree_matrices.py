@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from saphari_drake.math.products import apply, product
 from saphari_drake.math.rotations import skew
 
 
@@ -47,8 +48,8 @@ def coriolis_matrix(parent, mass, com, inertia, R_WL, p_WL, S, V):
     X, h, R = np.zeros((6, 6)), np.empty(6), np.empty((3, 3))
     for j in range(n):
         I, m = I_c[j], mass[j]
-        c = p_WL[j] + R_WL[j] @ com[j]
-        R[:] = R_WL[j] @ inertia[j] @ R_WL[j].T
+        c = p_WL[j] + apply(R_WL[j], com[j])
+        R[:] = product(product(R_WL[j], inertia[j]), R_WL[j].T)
         cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
         for a in range(3):
             for b in range(3):
@@ -121,8 +122,8 @@ def frame_jacobian(parent, S, V, R_WL, p_WL, link, p_LE):
     n = S.shape[0]
     J = np.zeros((6, n))
     Jdot = np.zeros((6, n))
-    p = p_WL[link] + R_WL[link] @ p_LE
-    v = V[link, 3:] + skew(V[link, :3]) @ p
+    p = p_WL[link] + apply(R_WL[link], p_LE)
+    v = V[link, 3:] + apply(skew(V[link, :3]), p)
     X, Sdot = np.zeros((6, 6)), np.empty(6)
     j = link
     while j >= 0:
@@ -130,8 +131,8 @@ def frame_jacobian(parent, S, V, R_WL, p_WL, link, p_LE):
         _motion_matrix(V[j], X)
         _times(X, S[j], Sdot)
         J[:3, j] = S[j, :3]
-        J[3:, j] = S[j, 3:] + w @ p
+        J[3:, j] = S[j, 3:] + apply(w, p)
         Jdot[:3, j] = Sdot[:3]
-        Jdot[3:, j] = Sdot[3:] + skew(Sdot[:3]) @ p + w @ v
+        Jdot[3:, j] = Sdot[3:] + apply(skew(Sdot[:3]), p) + apply(w, v)
         j = parent[j]
     return J, Jdot
