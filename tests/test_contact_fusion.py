@@ -155,7 +155,7 @@ def frame(image):
 
 
 def test_system_finds_holds_and_clones(system, scenes, law):
-    touch, image, terms, F, r = seen_touch(scenes, law, 3)
+    touch, image, _, F, r = seen_touch(scenes, law, 3)
     bench = Bench(system, position_measured=touch.q, residual=r, depth_image_0=frame(image), image_time_0=0.0)
     bench.run(2)
     contact = bench.read("contact_point")

@@ -1,4 +1,4 @@
-"""The force in the friction cone: against a plain search, inside the cone, exact where it can be, and for two contacts."""
+"""The force in the friction cone: against a plain search, inside the cone, and for two contacts."""
 
 import numpy as np
 import pytest

@@ -10,146 +10,23 @@ refined over the surface; the best of them is the contact, the best one elsewher
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
-from saphari_drake.errors import ParameterError
 from saphari_drake.math.friction_cone import force_in_cone, two_forces_in_cones
 from saphari_drake.math.tree import point_kinematics, tree_kinematics
-from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception import fusion_kernels as kernels
-from saphari_drake.perception.localization import Array, ContactVision, Depth, Localization
+from saphari_drake.perception.fusion_values import Evidence, Fusion, FusionMemory, FusionParameters, Mode
+from saphari_drake.perception.localization import Array, ContactVision, Depth
 from saphari_drake.perception.surface_candidates import inner_sizes, smooth_normal, surface_candidates
-from saphari_drake.port_values import Immutable
 from saphari_drake.robots.model import RobotModel
 
-
-@dataclass
-class FusionParameters:
-    """Numbers of the fusion."""
-
-    # Points of the surface that are weighed (≥ 10).
-    candidates: int = 1700
-    # Standard deviation of the residual of each joint (Nm, > 0), and size of a usual force (N, > 0).
-    torque_sigma: float = 0.2
-    force_scale: float = 30.0
-    # Friction of skin on the cover, and the share of the largest singular value below which a direction is left out.
-    friction: float = 0.5
-    rcond: float = 0.02
-    # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
-    felt: float = 5.0
-    # Deviation of a point that the cameras see (m, > 0): of a fine one, and its growth with the width of what touches.
-    vision_sigma: float = 0.003
-    width_share: float = 0.5
-    # Distance of the person up to which a point is taken as it is, and by which more costs 1 (m, > 0).
-    near: float = 0.015
-    far: float = 0.010
-    # Cost of a contact where nobody is seen on the surface although somebody is seen touching it (≥ 0).
-    unseen_cost: float = 12.0
-    # Cost of a contact in space that is seen to be free (≥ 0), within these distances of the person none to full (m).
-    free_cost: float = 16.0
-    free_from: float = 0.03
-    free_to: float = 0.07
-    # Distance from the person's visible parts that costs 1 (m, > 0), and the most that distance costs (≥ 0).
-    person_scale: float = 0.06
-    person_cost: float = 12.0
-    # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
-    mode_distance: float = 0.05
-    modes: int = 3
-    # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
-    memory: float = 0.9
-    frames: int = 8
-    # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
-    # (N, ≥ 0) comes out, unless one contact costs less by more than this (≥ 0).
-    second_distance: float = 0.10
-    second_force: float = 3.0
-    second_cost: float = 12.0
-
-    def __post_init__(self) -> None:
-        require_positive(
-            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "near", "far",
-            "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
-            "second_distance",
-        )  # fmt: skip
-        require_non_negative(
-            self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force", "second_cost"
-        )
-        if not 0.0 <= self.memory <= 1.0:
-            raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
-        if not 0.0 < self.rcond < 1.0:
-            raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
-        if self.free_to <= self.free_from:
-            raise ParameterError("free_to", f"must be above free_from ({self.free_from} m), got {self.free_to}")
+__all__ = ["ContactFusionLaw", "Evidence", "Fusion", "FusionMemory", "FusionParameters", "Mode"]
 
 
-class Evidence(NamedTuple):
-    """What one instant shows. Costs are those of the candidates."""
-
-    S: Array  # (n, 6) joint axes
-    R_WL: Array  # (n, 3, 3)
-    p_WL: Array  # (n, 3)
-    r: Array  # (n,) residual, Nm
-    residual_cost: Array  # (m,)
-    vision_cost: Array  # (m,)
-    seen: tuple[Localization, ...]  # places where a camera sees the person within its gate
-    human_points: Array  # (k, 3) m, world
-    shares: dict[int, float]  # camera: share of the robot that it sees, for those with a frame
-
-
-@dataclass(frozen=True)
-class FusionMemory(Immutable):
-    """Evidence of the frames of the present contact, newest last; empty without contact."""
-
-    S: Array
-    R_WL: Array
-    p_WL: Array
-    r: Array
-    residual_cost: Array  # (m,) summed with forgetting
-    vision_cost: Array  # (m,) mean with forgetting
-    weight: float = 0.0  # sum of the weights of all frames
-    seen: tuple[tuple[Localization, ...], ...] = ()
-
-    @property
-    def count(self) -> int:
-        """Number of frames kept."""
-        return len(self.r)
-
-
-class Mode(NamedTuple):
-    """One explanation of what is felt."""
-
-    link: int
-    p_L: Array  # (3,) m
-    n_L: Array  # (3,)
-    cost: float
-    seen: bool  # whether a camera sees the person there
-    distance: float  # m, of the person there (∞: unseen)
-    sigma: float = np.inf  # m, deviation of the point that a camera sees
-    prior: float = 0.0  # part of the cost that the cameras alone decide
-
-
-class Fusion(NamedTuple):
-    """Result of the fusion.
-
-    Attributes
-    ----------
-    modes : list of Mode
-        The contact; both, if two are felt.
-    second : Mode, optional
-        Best explanation elsewhere.
-    second_weight : float
-        Its probability against that of the contact (0–0.5).
-    forces : (k, 3) array
-        Force of the person on the robot at each contact (N, world).
-    """
-
-    modes: list[Mode]
-    second: Mode | None
-    second_weight: float
-    forces: Array
+_HOPELESS = 60.0  # a mode of the grid that costs so much more than the best one is not refined
 
 
 class ContactFusionLaw:
@@ -272,7 +149,11 @@ class ContactFusionLaw:
         penalty = p.unseen_cost if seen else 0.0
         cost = memory.residual_cost + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost)
-        modes = seen + [self._refined(memory, mode, float(memory.vision_cost[i]) + penalty) for i, mode in grid]
+        least = min([mode.cost for mode in (*seen, *(mode for _, mode in grid))]) + _HOPELESS
+        modes = seen + [
+            self._refined(memory, mode, float(memory.vision_cost[i]) + penalty) if mode.cost < least else mode
+            for i, mode in grid
+        ]
         modes.sort(key=lambda mode: mode.cost)
         best = modes[0]
         second = next((mode for mode in modes if self._apart(memory, best, mode) > p.mode_distance), None)

@@ -11,8 +11,10 @@ from numba import njit
 from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
 from saphari_drake.math.geometry import nearest_surface_point
 
-# Candidates whose free least squares costs so much more than the best one's decide nothing: their cone is left out.
+# Candidates whose free least squares costs so much more than the best one's, or than that of so many others, decide
+# nothing: their cone is left out.
 _NARROW = 80.0
+_MOST = 300
 
 
 @njit(cache=True)
@@ -116,6 +118,8 @@ def residual_costs(parent, S, link, p, a, r, sigma, force, mu, cell):
     for c in range(m):
         cost[c] = free_cost(parent, S, link[c], p[c], r, sigma, force, H, b, F)[1]
     bound = cost.min() + _NARROW
+    if m > _MOST:
+        bound = min(bound, np.partition(cost, _MOST)[_MOST])
     for c in range(m):
         if cost[c] < bound:
             cost[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, H, b, F)

@@ -217,7 +217,8 @@ class ContactVision:
     ) -> list[Localization]:
         """Find up to `count` places where the person is near the robot, nearest first; at least one entry.
 
-        Each but the first is the nearest part of the person that lies at least `apart` (m) from the points before.
+        Each but the first is the nearest part of the person that lies at least `apart` (m) from the points before, all
+        of them within the gate.
         All hold the same `seen` and `human_points`.
         """
         p, shapes = self.params, self.shapes
@@ -250,6 +251,8 @@ class ContactVision:
                 break
             link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL)
             found.append(Localization(link, distance, p_LC, n_L, seen, points, width))
+            if distance > p.gate:
+                break
             if len(found) < count:
                 kernels.clear_near(depth, self.x, self.y, human, region, p_C, apart)
         return found or [nobody]

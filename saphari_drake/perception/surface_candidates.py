@@ -57,7 +57,7 @@ def surface_candidates(robot: RobotModel, count: int = 1700, first_link: int = 1
     if len(chosen) == 0:
         raise ParameterError("first_link", f"no shape on link {first_link} or beyond")
     area = np.array([_area(shapes.kind[s], shapes.size[s]) for s in chosen])
-    dense = [_samples(shapes, s, int(np.ceil(20 * count * a / area.sum())), rng) for s, a in zip(chosen, area)]
+    dense = [_samples(shapes, int(s), int(np.ceil(20 * count * a / area.sum())), rng) for s, a in zip(chosen, area)]
     link = np.concatenate([np.full(len(p), shapes.link[s]) for s, p in zip(chosen, dense)])
     own = np.concatenate([np.full(len(p), s) for s, p in zip(chosen, dense)])
     p_L = np.concatenate(dense)

@@ -122,7 +122,6 @@ class ContactScenes:
         self._arm = robot.add_to(self.plant)
         self._hands = {(k, hand): self._add_hand(k, hand) for hand in range(params.hands) for k in ("finger", "fist")}
         self.plant.Finalize()
-        self._systems = []
         for k, camera in enumerate(cameras):
             system = add_depth_camera(builder, scene_graph, camera, f"camera_{k}")
             builder.ExportOutput(system.GetOutputPort("depth_image_32f"), f"depth_image_{k}")
@@ -288,7 +287,7 @@ class ContactScenes:
         """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
         p = self.params
         inward = -touch.n_L
-        size, tilt = rng.uniform(*p.force), p.friction * np.sqrt(rng.random())
+        size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())
         side = _unit(np.cross(inward, rng.normal(size=3)))
         forces = np.zeros((frames, 3))
         drift = np.zeros(3)
@@ -296,7 +295,7 @@ class ContactScenes:
             if k > 0:
                 drift = 0.8 * drift + 0.6 * p.wander * rng.normal(size=3)
             tangent = tilt * side + drift - (drift @ inward) * inward
-            tangent *= min(1.0, p.friction / max(np.linalg.norm(tangent), 1e-9))
+            tangent *= min(1.0, p.friction / max(float(np.linalg.norm(tangent)), 1e-9))
             forces[k] = size * (1.0 + drift @ inward) * (inward + tangent) / np.sqrt(1.0 + tilt**2)
         return forces
 

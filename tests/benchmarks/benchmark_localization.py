@@ -8,6 +8,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters
 from saphari_drake.perception.localization import ContactVision, LocalizerParameters, background_depth
 from saphari_drake.perception.rgbd_camera import CameraParameters
@@ -19,17 +20,30 @@ SCENES, FRAMES = 60, 8
 CAMERAS = [CameraParameters(), CameraParameters(position=[1.2, 1.4, 1.2])]
 
 
-def timed(times, name, call):
-    """Call and note the wall time."""
-    start = time.perf_counter()
-    result = call()
-    times[name].append(time.perf_counter() - start)
-    return result
+class Clock:
+    """Wall time and processor time (s) of this thread, by stage."""
+
+    def __init__(self):
+        self.wall, self.thread = defaultdict(list), defaultdict(list)
+
+    def __call__(self, name, function, *arguments):
+        """Call a function and note its times."""
+        wall, thread = time.perf_counter(), time.thread_time()
+        result = function(*arguments)
+        self.wall[name].append(time.perf_counter() - wall)
+        self.thread[name].append(time.thread_time() - thread)
+        return result
+
+
+def cycle(law, memory, q, r, images):
+    """One whole contact cycle."""
+    memory = law.remember(memory, law.evidence(q, r, images))
+    return memory, law.decide(memory)
 
 
 def measure(law, scenes, count):
-    """Return the times (s) of each stage over random scenes."""
-    times = defaultdict(list)
+    """Return the times of each stage over random scenes."""
+    clock, t = Clock(), law.candidates
     for index in range(SCENES):
         rng = np.random.default_rng([7, index])
         touch = scenes.draw(rng, 1 + index % 6, KINDS[index % 3])
@@ -39,17 +53,17 @@ def measure(law, scenes, count):
         residuals = forces @ terms.point(touch.link, touch.p_L).Jv_WC + scenes.torque_noise(rng, FRAMES)
         memory = law.empty()
         for r in residuals:
-            start = time.perf_counter()
-            evidence = law.evidence(touch.q, r, images)
-            memory = timed(times, "memory", lambda m=memory, e=evidence: law.remember(m, e))
-            timed(times, "modes, refinement and cone force", lambda m=memory: law.decide(m))
-            times["whole cycle"].append(time.perf_counter() - start)
-        for vision, image in zip(law.visions, images):
-            timed(times, "vision, a camera (part of evidence)",
-                  lambda v=vision, z=image: v.localize_several(z, terms.R_WL, terms.p_WL, 2))  # fmt: skip
-        timed(times, "evidence (vision, residual, visibility)", lambda: law.evidence(touch.q, residuals[-1], images))
-        timed(times, "published method", lambda: published_localization(law.visions[0], images[0], terms, r, 0.6))
-    return times
+            memory, _ = clock("whole cycle", cycle, law, memory, touch.q, r, images)
+        p = law.params
+        x, a = kernels.pose_points(t.link, t.p_L, t.n_L, terms.R_WL, terms.p_WL)
+        sizes = (p.torque_sigma, p.force_scale, p.friction, 0.4 * t.spacing)
+        for r in residuals:
+            for vision, image in zip(law.visions, images):
+                clock("- vision, a camera", vision.localize_several, image, terms.R_WL, terms.p_WL, 2)
+            clock("- residual, all candidates", kernels.residual_costs, terms.parent, terms.S, t.link, x, a, r, *sizes)
+            clock("- modes, refinement and cone force", law.decide, memory)
+            clock("published method", published_localization, law.visions[0], images[0], terms, r, 0.6)
+    return clock
 
 
 def main():
@@ -67,8 +81,13 @@ def main():
         law.compile()
         measure(law, scenes, count)  # warm
         print(f"\n{count} camera(s); bound of the whole cycle: p95 ≤ {bound} ms")
-        for name, values in sorted(measure(law, scenes, count).items(), key=lambda item: -np.median(item[1])):
-            print(f"  {name:<42} median {1e3 * np.median(values):6.2f} ms  p95 {1e3 * np.percentile(values, 95):6.2f} ms")
+        clock = measure(law, scenes, count)
+        print(f"  {'stage':<36}{'wall: median':>14}{'p95':>8}{'thread: median':>17}{'p95':>8}  (ms)")
+        for name in clock.wall:
+            values = [
+                1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)
+            ]
+            print(f"  {name:<36}{values[0]:14.2f}{values[1]:8.2f}{values[2]:17.2f}{values[3]:8.2f}")
 
 
 if __name__ == "__main__":
