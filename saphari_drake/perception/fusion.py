@@ -182,7 +182,7 @@ class ContactFusionLaw:
             normal = smooth_normal(self.robot.shapes, entry.link, anchor)
             away = max(entry.distance - self.params.near, 0.0) / self.params.far
             sigma = self.params.vision_sigma + self.params.width_share * entry.width
-            mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma)
+            mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, 0.0, anchor)
             modes.append(self._refined(memory, mode, away**2))
         return modes
 
@@ -195,10 +195,11 @@ class ContactFusionLaw:
 
     def _refined(self, memory: FusionMemory, mode: Mode, prior: float) -> Mode:
         p, t, s = self.params, self.robot.tree, self.robot.shapes
+        anchor = mode.p_L if mode.anchor is None else mode.anchor
         weight = p.memory ** np.arange(memory.count - 1, -1, -1)
         p_L, n_L, cost = kernels.refine(
             t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, self._inner, s.R_LS, s.p_LS,
-            s.link == mode.link, mode.link, mode.p_L, mode.n_L, mode.p_L, mode.sigma,
+            s.link == mode.link, mode.link, mode.p_L, mode.n_L, anchor, mode.sigma,
             p.torque_sigma, p.force_scale, p.friction, self._steps,
         )  # fmt: skip
         return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior, prior=prior)
@@ -218,6 +219,11 @@ class ContactFusionLaw:
             return two_forces_in_cones(J[0], J[1], r, inward[0], inward[1], p.friction, p.rcond)
         return force_in_cone(J[0], r, inward[0], p.friction, p.rcond)[None]
 
+    def _at_anchor(self, mode: Mode) -> Mode:
+        """Return a seen mode where the cameras see it, before any residual has moved it."""
+        p_L = mode.p_L if mode.anchor is None else mode.anchor
+        return mode._replace(p_L=p_L, n_L=smooth_normal(self.robot.shapes, mode.link, p_L))
+
     def _both(self, memory: FusionMemory, seen: list[Mode], single: Mode) -> list[Mode]:
         """Return two seen contacts if they explain the newest residual much better together than any one alone."""
         p, r = self.params, memory.r[-1]
@@ -228,7 +234,7 @@ class ContactFusionLaw:
         for i, j in combinations(range(len(seen)), 2):
             if self._apart(memory, seen[i], seen[j]) < p.second_distance:
                 continue
-            pair, cost = [seen[i], seen[j]], np.inf
+            pair, cost = [self._at_anchor(seen[i]), self._at_anchor(seen[j])], np.inf
             for _ in range(2):
                 forces = self._forces(newest, pair)
                 torques = [self._jacobian(newest, mode).T @ F for mode, F in zip(pair, forces)]

@@ -115,6 +115,7 @@ class Mode(NamedTuple):
     distance: float  # m, of the person there (∞: unseen)
     sigma: float = np.inf  # m, deviation of the point that a camera sees
     prior: float = 0.0  # part of the cost that the cameras alone decide
+    anchor: Array | None = None  # (3,) m, the point that the cameras see, in the link's frame
 
 
 class Fusion(NamedTuple):
