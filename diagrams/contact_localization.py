@@ -151,7 +151,6 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     return Outcome(metrics(scenario, scenes.robot, log, drawn), log, lambda: figure(scenario, log))
 
 
-
 def judged_scene(
     scenario: ContactLocalizationScenario,
     scenes: ContactScenes,

@@ -78,9 +78,7 @@ def test_where_a_point_cannot_move_there_is_no_torque(lwr4, link, M_d):
         np.testing.assert_allclose(hidden.T @ kept, 0.0, atol=1e-12)
         if np.linalg.norm(point.Jv_WC.T @ hidden) > 1e-9:
             continue
-        whole, part = (
-            contact_force_torque(terms, point, estimate.F_W, f, np.zeros(7), gains)[0] for f in (F_d, kept)
-        )
+        whole, part = (contact_force_torque(terms, point, estimate.F_W, f, np.zeros(7), gains)[0] for f in (F_d, kept))
         np.testing.assert_allclose(hidden.T @ contact_acceleration(terms, point, part.total(), F),
                                    hidden.T @ point.Jdotv_WC, atol=1e-6)  # fmt: skip
         if not M_d:

@@ -11,6 +11,7 @@ from saphari_drake.errors import StabilityWarning
 
 Array = NDArray[np.float64]
 
+
 def max_hand_stiffness(
     K_d: float,
     K_f: float,

@@ -202,9 +202,7 @@ class ContactFusion(LeafSystem):
                 status[k] = CameraStatus.OK if share >= self._localizer.least_seen else CameraStatus.INVALID
             kept = self._law.remember(memory.evidence, evidence)
             points = evidence.human_points
-            memory = replace(
-                memory, evidence=kept, fusion=self._law.decide(kept), stamp=newest, human_points=points
-            )
+            memory = replace(memory, evidence=kept, fusion=self._law.decide(kept), stamp=newest, human_points=points)
         memory = replace(memory, stamps=tuple(stamps), frame_times=tuple(times), status=tuple(status))
         if CameraStatus.OK not in status:
             nothing = Fusion([], None, 0.0, np.zeros((0, 3)))

@@ -64,10 +64,7 @@ def surface_candidates(robot: RobotModel, count: int = 1700, first_link: int = 1
     free = _ever_free(robot, own, link, p_L, rng)
     link, own, p_L = link[free], own[free], p_L[free]
     kept = np.concatenate(
-        [
-            np.flatnonzero(link == k)[_spread(p_L[link == k], round(count * np.mean(link == k)))]
-            for k in np.unique(link)
-        ]
+        [np.flatnonzero(link == k)[_spread(p_L[link == k], round(count * np.mean(link == k)))] for k in np.unique(link)]
     )
     spacing = float(np.sqrt(area.sum() * np.mean(free) / len(kept)))
     n_L = np.array([smooth_normal(shapes, int(link[i]), p_L[i]) for i in kept])

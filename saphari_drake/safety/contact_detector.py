@@ -69,9 +69,7 @@ class ContactDetector(LeafSystem):
         super().__init__()
         self._params = params = params or ContactDetectorParameters()
         noise = diagonal(params.noise, num_joints, "noise")
-        self._threshold = np.maximum(
-            diagonal(params.threshold, num_joints, "threshold"), params.noise_multiple * noise
-        )
+        self._threshold = np.maximum(diagonal(params.threshold, num_joints, "threshold"), params.noise_multiple * noise)
         self._residual = self.DeclareVectorInputPort("residual", BasicVector(num_joints))
         # Time left until release (s); 0 when not touched.
         self._remaining = self.DeclareDiscreteState(1)

@@ -160,9 +160,7 @@ class ContactMonitor(LeafSystem):
         self, memory: _Memory, terms: DynamicsTerms, touched: bool, camera_works: bool, seen: ContactPoint
     ) -> Interaction:
         now, params = memory.interaction, self._params
-        if not camera_works or (
-            now.mode == InteractionMode.STOP and memory.camera_works < params.camera_recovery_time
-        ):
+        if not camera_works or (now.mode == InteractionMode.STOP and memory.camera_works < params.camera_recovery_time):
             return self._enter(InteractionMode.STOP, now, terms)
         if touched and seen.found:
             return self._answer(now, terms, seen)

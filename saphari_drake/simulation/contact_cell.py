@@ -57,8 +57,10 @@ def learn_background(robot: RobotModel, params: ContactCellParameters, frames: i
     low, high = np.maximum(robot.q_min, -np.pi), np.minimum(robot.q_max, np.pi)
     images = []
     for k in range(frames):
-        q = robot.home if k == 0 else low + (0.1 + 0.8 * np.modf(k * _GOLDEN * np.arange(1, robot.n + 1))[0]) * (
-            high - low
+        q = (
+            robot.home
+            if k == 0
+            else low + (0.1 + 0.8 * np.modf(k * _GOLDEN * np.arange(1, robot.n + 1))[0]) * (high - low)
         )
         plant.SetPositions(plant.GetMyMutableContextFromRoot(context), instance, q)
         image = camera.GetOutputPort("depth_image_32f").Eval(camera.GetMyContextFromRoot(context))

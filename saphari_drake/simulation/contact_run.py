@@ -70,9 +70,7 @@ def simulate(
     first = pushes[0]
     middle = min(first.start + min(first.hold, 2.5), duration)
     wall = advance(simulator, middle, label)
-    image = parts.sampler.GetOutputPort("depth_image").Eval(
-        parts.sampler.GetMyContextFromRoot(simulator.get_context())
-    )
+    image = parts.sampler.GetOutputPort("depth_image").Eval(parts.sampler.GetMyContextFromRoot(simulator.get_context()))
     depth = image.data[..., 0].copy()
     wall += advance(simulator, duration - middle, label)
     return simulator, depth, wall

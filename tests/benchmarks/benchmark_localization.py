@@ -84,9 +84,7 @@ def main():
         clock = measure(law, scenes, count)
         print(f"  {'stage':<36}{'wall: median':>14}{'p95':>8}{'thread: median':>17}{'p95':>8}  (ms)")
         for name in clock.wall:
-            values = [
-                1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)
-            ]
+            values = [1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)]
             print(f"  {name:<36}{values[0]:14.2f}{values[1]:8.2f}{values[2]:17.2f}{values[3]:8.2f}")
 
 
