@@ -90,9 +90,7 @@ class ContactFusionLaw:
                     found.append((k, places))
                 else:
                     used[k] = None
-        seen = tuple(
-            place for k, places in found for place in places if place.distance < self.visions[k].params.gate
-        )
+        seen = tuple(place for k, places in found for place in places if place.distance < self.visions[k].params.gate)
         points = np.concatenate([np.zeros((0, 3)), *(places[0].human_points for _, places in found)])
         m = len(c.link)
         if not self.felt(r):
