@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
+from saphari_drake.math.rotations import skew
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception import localizer_kernels as kernels
 from saphari_drake.perception.image_regions import region_of, row_intervals, share_seen
@@ -249,7 +250,7 @@ class ContactVision:
             )  # fmt: skip
             if link < 0 or distance > p.reach:
                 break
-            link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL)
+            link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL, R_WS, p_WS)
             found.append(Localization(link, distance, p_LC, n_L, seen, points, width))
             if distance > p.gate:
                 break
@@ -258,18 +259,17 @@ class ContactVision:
         return found or [nobody]
 
     def _touched(
-        self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array
+        self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array, R_WS: Array, p_WS: Array
     ) -> tuple[int, Array, Array, float]:
         """Return link, contact point, normal (link frame) and width of what touches for the surface point under it."""
         p, R_WC, p_WC = self.params, self._R_WC, self._p_WC
         p_LC, n_L = self.on_surface(link, R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link]))
         R_LC = R_WL[link].T @ R_WC
         ray_L = R_LC @ (p_C / np.linalg.norm(p_C))
-        across = R_LC.T @ np.cross(n_L, ray_L)
+        across = R_LC.T @ (skew(n_L) @ ray_L)
         width = float(np.sqrt(max(across @ extent @ across, 0.0)) / max(np.linalg.norm(across), 1e-9))
         behind = min(max(p.thickness * width, p.least_thickness), p.most_thickness)
         p_W = p_WL[link] + R_WL[link] @ (p_LC + behind * (ray_L - (ray_L @ n_L) * n_L))
-        R_WS, p_WS = self.shapes.in_world(R_WL, p_WL)
         shape, _, p_WC, n_W = nearest_surface_point(
             self.shapes.kind, self.shapes.size, R_WS, p_WS, self.shapes.link >= 0, p_W
         )

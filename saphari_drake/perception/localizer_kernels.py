@@ -179,6 +179,27 @@ def _drop_small(mask, least):
 
 
 @njit(cache=True)
+def _box(mask):
+    """Return first and last row and first and last column with a marked pixel; last < first without one."""
+    rows, cols = mask.shape
+    top, bottom, first, last = rows, -1, cols, -1
+    for r in range(rows):
+        line, marked = mask[r], False
+        for c in range(cols):
+            if line[c]:
+                marked = True
+                first = min(first, c)
+                break
+        if marked:
+            top, bottom = min(top, r), r
+            c = cols - 1
+            while line[c] == 0:
+                c -= 1
+            last = max(last, c)
+    return top, bottom, first, last
+
+
+@njit(cache=True)
 def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least, component):
     """Return the pixels of the person: near a strong one, supported by their neighbours, and in a large component.
 
@@ -186,31 +207,39 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
     `step` (m) times max((z / z_ref)², least). The mixed readings at the edge of an arm before the robot have no such
     neighbours. Beyond `reach` (m) from the robot no support is needed.
     """
-    near = _window_sum(strong, BORDER)
     rows, cols = weak.shape
-    for r in range(rows):
-        out, a = near[r], weak[r]
-        for c in range(cols):
-            out[c] = a[c] & (out[c] > 0)
     human = np.zeros((rows, cols), np.uint8)
-    r0, _, c0, _ = region
-    for r in range(BORDER, rows - BORDER):
-        row, depths, line = near[r], z[r - BORDER + r0], best[r - BORDER]
-        for c in range(BORDER, cols - BORDER):
+    top, bottom, first, last = _box(strong)
+    # The person's pixels near the robot lie within BORDER of a strong one: nothing else is looked at.
+    top, first = max(top - 2 * BORDER, 0), max(first - 2 * BORDER, 0)
+    bottom, last = min(bottom + 2 * BORDER + 1, rows), min(last + 2 * BORDER + 1, cols)
+    if bottom - top <= 2 * BORDER:
+        return human
+    near = _window_sum(strong[top:bottom, first:last], BORDER)
+    height, width = near.shape
+    for r in range(height):
+        out, a = near[r], weak[top + r, first:last]
+        for c in range(width):
+            out[c] = a[c] & (out[c] > 0)
+    found = human[top:bottom, first:last]
+    r0, c0 = region[0] + top - BORDER, region[2] + first - BORDER
+    for r in range(BORDER, height - BORDER):
+        row, depths, line = near[r], z[r + r0], best[top + r - BORDER]
+        for c in range(BORDER, width - BORDER):
             if not row[c]:
                 continue
-            if line[c - BORDER] > reach:
-                human[r, c] = 1
+            if line[first + c - BORDER] > reach:
+                found[r, c] = 1
                 continue
-            depth = depths[c - BORDER + c0]
+            depth = depths[c + c0]
             tolerance = step * max((depth / z_ref) ** 2, least)
             count = 0
             for i in range(r - SUPPORT, r + SUPPORT + 1):
                 for j in range(c - SUPPORT, c + SUPPORT + 1):
                     if near[i, j]:
-                        count += abs(z[i - BORDER + r0, j - BORDER + c0] - depth) < tolerance
-            human[r, c] = count >= support
-    _drop_small(human, component)
+                        count += abs(z[i + r0, j + c0] - depth) < tolerance
+            found[r, c] = count >= support
+    _drop_small(found, component)
     return human
 
 
