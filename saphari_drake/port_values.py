@@ -96,3 +96,97 @@ class ContactPoint(Immutable):
     n_L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     distance: float = np.inf
     stamp: float = -np.inf
+
+
+class ObstacleStatus(IntEnum):
+    """State of a source of obstacle points, also published as a number."""
+
+    OK = 0  # all points seen now
+    HELD = 1  # some point is lost or repaired and held where it was last seen
+    LOST = 2  # the source is older than allowed, or sees nothing that can be used: whoever needs it must stop
+
+
+@dataclass(frozen=True)
+class ObstaclePoints(Immutable):
+    """Points of people and things to keep a distance from, with their velocities.
+
+    Attributes
+    ----------
+    p_WO : (m, 3) array
+        Positions in the world (m).
+    v_WO : (m, 3) array
+        Velocities in the world (m/s), zero where they are not known.
+    radius : (m,) array
+        How far the obstacle reaches around each point (m).
+    stamp : float
+        Time at which the points were seen (s).
+    status : ObstacleStatus
+    """
+
+    p_WO: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    v_WO: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    radius: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    stamp: float = -np.inf
+    status: ObstacleStatus = ObstacleStatus.OK
+
+
+class SkinStatus(IntEnum):
+    """State of a skin patch, also published as a number."""
+
+    OK = 0
+    DEGRADED = 1  # some modules are dead: they are left out, and named
+    SATURATED = 2  # a module is at the end of its range: the force is a lower bound
+    LOST = 3  # no module can be used: whoever needs the skin must stop
+
+
+@dataclass(frozen=True)
+class SkinContact(Immutable):
+    """One patch of pressure on a skin.
+
+    Attributes
+    ----------
+    link : int
+        Index of the link that carries the skin.
+    p_LC : (3,) array
+        Contact point on the skin's surface, in the link frame (m).
+    n_L : (3,) array
+        Outward surface normal there, in the link frame.
+    f_L : (3,) array
+        Force of the person on the robot, in the link frame (N).
+    """
+
+    link: int
+    p_LC: NDArray[np.float64]
+    n_L: NDArray[np.float64]
+    f_L: NDArray[np.float64]
+
+    @property
+    def normal_force(self) -> float:
+        """Force into the surface (N, positive when pressed)."""
+        return -float(self.n_L @ self.f_L)
+
+    @property
+    def tangential_force_L(self) -> NDArray[np.float64]:
+        """Force along the surface, in the link frame (N), (3,)."""
+        return self.f_L + self.normal_force * self.n_L
+
+
+@dataclass(frozen=True)
+class SkinReading(Immutable):
+    """What a skin feels.
+
+    Attributes
+    ----------
+    contacts : tuple of SkinContact
+        The strongest first; empty if nobody touches.
+    status : SkinStatus
+    dead : tuple of int
+        Modules that are left out.
+    stamp : float
+        Time of the measurement (s).
+    """
+
+    contacts: tuple[SkinContact, ...] = ()
+    status: SkinStatus = SkinStatus.OK
+    dead: tuple[int, ...] = ()
+    stamp: float = -np.inf
