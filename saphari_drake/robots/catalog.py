@@ -25,13 +25,19 @@ def lwr4(X_WB: RigidTransform | None = None) -> RobotModel:
     return RobotModel(models_dir() / "lwr4" / "lwr4.urdf", X_WB=X_WB, home=home)
 
 
+def omnirob(X_WB: RigidTransform | None = None) -> RobotModel:
+    """Return the KUKA omniRob, joints px, py, pz of its platform and a LWR4+ on top (sources in its URDF)."""
+    home = np.concatenate([np.zeros(3), np.deg2rad([0.0, -30.0, 0.0, 83.7, 0.0, 23.7, 0.0])])
+    return RobotModel(models_dir() / "omnirob" / "omnirob.urdf", X_WB=X_WB, home=home)
+
+
 def planar_6r(X_WB: RigidTransform | None = None) -> RobotModel:
     """Return the planar arm of Section 4, six unit links in the plane z = 0, home at (0, 0, 0, 0, 10, −30) deg."""
     home = np.deg2rad([0.0, 0.0, 0.0, 0.0, 10.0, -30.0])
     return RobotModel(models_dir() / "planar_6r" / "planar_6r.urdf", X_WB=X_WB, home=home)
 
 
-CATALOG = {"lwr4": lwr4, "planar_6r": planar_6r}
+CATALOG = {"lwr4": lwr4, "omnirob": omnirob, "planar_6r": planar_6r}
 
 
 def load(name_or_path: str, X_WB: RigidTransform | None = None) -> RobotModel:
