@@ -74,6 +74,18 @@ def test_at_rest_it_carries_gravity_and_a_constant_command_feeds_nothing_forward
     np.testing.assert_allclose(bench.read("torque_commanded"), moving.Cv + moving.g, atol=1e-12)
 
 
+def test_the_first_command_is_not_fed_forward(lwr4):
+    """A command that does not start at zero asks for K q̇_d once, not for the step divided by the period."""
+    terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    command = np.full(7, 0.05)
+    bench = Bench(JointVelocityServo(lwr4), dynamics=terms, velocity_commanded=command)
+    np.testing.assert_allclose(bench.read("torque_commanded"), terms.M @ (150.0 * command) + terms.g, atol=1e-9)
+    bench.run(1)
+    bench.set(velocity_commanded=2.0 * command)
+    expected = terms.M @ (command / 0.001 + 300.0 * command) + terms.g
+    np.testing.assert_allclose(bench.read("torque_commanded") + bench.read("torque_excess"), expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("field", ["gain", "period", "feedforward"])
 def test_parameters_are_checked(field):
     with pytest.raises(ParameterError, match=field):

@@ -78,7 +78,8 @@ class JointVelocityServo(LeafSystem):
     torque_excess : n, what the limits cut off.
     velocity_error : n (rad/s or m/s), commanded minus measured.
 
-    The law is `servo_torque`. State: the command of the cycle before, for the acceleration fed forward.
+    The law is `servo_torque`. State: the command of the cycle before, for the acceleration fed forward; none is in the
+    first cycle, so that a command that does not start at zero is approached with the gain alone.
     """
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
@@ -88,8 +89,14 @@ class JointVelocityServo(LeafSystem):
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
         self._before = self.DeclareDiscreteState(robot.n)
+        self._begun = self.DeclareDiscreteState(1)
         start = _Output(terms.g, np.zeros(robot.n), np.zeros(robot.n))
-        tickets = {self._dynamics.ticket(), self._command.ticket(), self.discrete_state_ticket(self._before)}
+        tickets = {
+            self._dynamics.ticket(),
+            self._command.ticket(),
+            self.discrete_state_ticket(self._before),
+            self.discrete_state_ticket(self._begun),
+        }
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
         declare_readouts(
             self,
@@ -106,9 +113,11 @@ class JointVelocityServo(LeafSystem):
         terms: DynamicsTerms = self._dynamics.Eval(context)
         v_desired = np.array(self._command.Eval(context))
         before = context.get_discrete_state(self._before).value()
-        a_desired = self._params.feedforward * (v_desired - before) / self._params.period
+        begun = context.get_discrete_state(self._begun).value()[0]
+        a_desired = begun * self._params.feedforward * (v_desired - before) / self._params.period
         torque, excess = limit_torque(servo_torque(terms, v_desired, a_desired, self._params.gain), self._robot.tau_max)
         return _Output(torque, excess, v_desired - terms.v)
 
     def _update(self, context: Context, state: State) -> None:
         state.get_mutable_discrete_state(self._before).SetFromVector(self._command.Eval(context))
+        state.get_mutable_discrete_state(self._begun).SetFromVector([1.0])

@@ -13,6 +13,7 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority import ReversePriorityController
 from saphari_drake.perception.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.activation_steps import switch_step_shares
 from saphari_drake.simulation.differential_ik import DifferentialIK, median_seconds
 from saphari_drake.simulation.experiment import Log, Metric
 from saphari_drake.simulation.kinematic_arm import SampledSignal
@@ -108,6 +109,7 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
     status, elbow = log["status"][:, 0], log["elbow"][:, 1]
     low, high = job.params.elbow
     outside = np.mean((elbow < low) | (elbow > high))
+    switches = switch_step_shares(log["activation"], log["velocity_commanded"])
     measured = np.abs(log["velocity"] / job.robot.v_max).max()
     return [
         Metric("min_clearance_m", log["clearance_min"].min(), "m", low=job.params.clearance),
@@ -119,6 +121,7 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
         Metric("elbow_outside_share", float(outside), "1"),
         Metric("velocity_step_max", np.abs(np.diff(log["velocity_commanded"], axis=0)).max(), "rad/s"),
         Metric("activation_jump_max", np.abs(np.diff(log["activation"], axis=0)).max(), "1", high=0.5),
+        Metric("switch_step_share_max", switches.max(initial=0.0), "1", high=1.0),
         Metric("scaled_share", float(np.mean(status == 1)), "1"),
         Metric("unreachable_share", float(np.mean(status == 2)), "1"),
         Metric("torque_excess_max_Nm", np.abs(log["torque_excess"]).max(), "Nm"),
