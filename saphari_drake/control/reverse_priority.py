@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,11 +52,6 @@ def position_reference(p: Sequence[float] | Array, v: Sequence[float] | Array = 
 def scalar_reference(value: float, rate: float = 0.0) -> Array:
     """Return the reference (18,) of a `ScalarTask`: desired value and velocity, in the unit of its component."""
     return np.concatenate([[value, rate], np.zeros(REFERENCE_SIZE - 2)])
-
-
-class _Output(NamedTuple):
-    result: StackResult
-    sigma: Array
 
 
 class ReversePriorityController(LeafSystem):
@@ -118,27 +112,25 @@ class ReversePriorityController(LeafSystem):
         tickets.add(self.discrete_state_ticket(self._before))
         far = np.full((stack.num_targets, 6), 1e3)
         # Solved here once, which compiles the kernels before the first control step.
-        first = _Output(
-            stack.solve(robot.home, np.zeros(n), self._home, far, self._params.period), np.zeros(len(stack.tasks))
-        )
+        first = stack.solve(robot.home, np.zeros(n), self._home, far, self._params.period)
         self._output = declare_cache(self, "command", first, self._evaluate, tickets)
         count = max(len(stack.sides), 1)
         declare_readouts(
             self,
             self._output,
             {
-                "velocity_commanded": (n, lambda o: o.result.v),
-                "activation": (count, lambda o: _or_zero(o.result.activation)),
-                "task_error": (stack.rows, lambda o: o.result.error),
-                "smallest_singular_value": (len(stack.tasks), lambda o: o.sigma),
-                "constraint_excess": (count, lambda o: _or_zero(o.result.x - stack.bounds)),
-                "task_scale": (1, lambda o: [o.result.scale]),
-                "status": (1, lambda o: [float(o.result.status)]),
+                "velocity_commanded": (n, lambda r: r.v),
+                "activation": (count, lambda r: _or_zero(r.activation)),
+                "task_error": (stack.rows, lambda r: r.error),
+                "smallest_singular_value": (len(stack.tasks), lambda r: smallest_singular_values(stack, r.J_tasks)),
+                "constraint_excess": (count, lambda r: _or_zero(r.x - stack.bounds)),
+                "task_scale": (1, lambda r: [r.scale]),
+                "status": (1, lambda r: [float(r.status)]),
             },
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
 
-    def _evaluate(self, context: Context) -> _Output:
+    def _evaluate(self, context: Context) -> StackResult:
         stack, references = self.stack, self._home
         if self._references.HasValue(context):
             references = np.array(self._references.Eval(context)).reshape(-1, REFERENCE_SIZE)
@@ -147,12 +139,11 @@ class ReversePriorityController(LeafSystem):
             targets = np.array(self._targets.Eval(context)).reshape(-1, 6)
         v_start = self._params.decay * context.get_discrete_state(self._before).value()
         q = self._position.Eval(context)
-        result = stack.solve(q, v_start, references, targets, self._params.period)
-        return _Output(result, smallest_singular_values(stack, result.J_tasks))
+        return stack.solve(q, v_start, references, targets, self._params.period)
 
     def _update(self, context: Context, state: State) -> None:
-        now: _Output = self._output.Eval(context)
-        state.get_mutable_discrete_state(self._before).SetFromVector(now.result.v)
+        now: StackResult = self._output.Eval(context)
+        state.get_mutable_discrete_state(self._before).SetFromVector(now.v)
 
 
 def home_references(stack: PriorityStack) -> Array:
