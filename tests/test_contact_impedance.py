@@ -10,10 +10,9 @@ from saphari_drake.control.contact_impedance import (
     ContactImpedanceController,
     ContactImpedanceParameters,
     ImpedanceGains,
-    TorqueTerms,
     contact_impedance_torque,
-    posture_torque,
 )
+from saphari_drake.control.contact_torque import TorqueTerms, posture_torque
 from saphari_drake.control.torque_limits import limit_torque
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.estimation.contact_force import ContactForceParameters, estimate_contact_force

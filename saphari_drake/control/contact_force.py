@@ -5,18 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, State
 
+from saphari_drake.control.contact_controller import ContactController, inverse_inertia
 from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
-from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque, posture_torque
+from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque
 from saphari_drake.control.force_gate import ForceGate
 from saphari_drake.control.torque_limits import limit_torque
-from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
-from saphari_drake.parameters import diagonal, positive_definite
-from saphari_drake.port_values import ContactPoint, ForceStatus, Immutable, Interaction, InteractionMode
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics
+from saphari_drake.parameters import diagonal
+from saphari_drake.port_values import ForceStatus, Immutable, Interaction, InteractionMode
+from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -116,7 +115,7 @@ _LAWS = {
 }
 
 
-class ContactForceController(LeafSystem):
+class ContactForceController(ContactController):
     """Keeps the force of a contact at a desired size, holds the posture without one.
 
     .. pydrake_system::
@@ -165,32 +164,28 @@ class ContactForceController(LeafSystem):
     """
 
     def __init__(self, robot: RobotModel, params: ContactForceControlParameters | None = None) -> None:
-        super().__init__()
-        self._robot, self._params = robot, params or ContactForceControlParameters()
-        self._read_gains(robot.n, self._params)
-        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
-        nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
-        self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
-        self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(robot.n))
+        self._params = params = params or ContactForceControlParameters()
+        super().__init__(robot, params)
+        self.gains = ForceGains(
+            np.diag(diagonal(params.K_f, 3, "K_f")),
+            np.diag(diagonal(params.K_d, 3, "K_d")),
+            inverse_inertia(params),
+            diagonal(params.K_N, robot.n, "K_N"),
+            params.misfit_lever,
+            params.max_effective_mass,
+        )
+        self._aligned, self._fixed = params.direction == "aligned", np.array(params.fixed_force, dtype=float)
+        self._brake_fade = float(np.exp(-params.period / params.brake_time))
         self._unobservable = self.DeclareVectorInputPort("unobservable_directions", BasicVector(9))
         zero, none = np.zeros(robot.n), np.zeros(3)
-        memory = _Memory(Handover(None, zero, zero), ForceGate())
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
-        parts = posture_torque(terms, robot.home, zero, zero)
-        start = _Output(parts, zero, zero, none, none, none, none, ForceStatus.HOLD, ("hold", 0, -1), ForceGate())
-        ports = self._dynamics, self._interaction, self._force, self._misfit, self._unobservable
-        inputs = {port.ticket() for port in ports} | {self.abstract_state_ticket(self._memory)}
-        self._output = declare_cache(self, "torque", start, self._evaluate, inputs)
-        declare_readouts(
-            self,
-            self._output,
+        hold, status = self._damped(self._terms_at_home, zero), ForceStatus.HOLD
+        self._declare_outputs(
+            self._evaluate,
+            self._update,
+            _Output(hold, zero, zero, none, none, none, none, status, ("hold", 0, -1), ForceGate()),
+            _Memory(Handover(None, zero, zero), ForceGate()),
+            [self._unobservable],
             {
-                "torque_commanded": (robot.n, lambda o: o.torque),
-                "torque_excess": (robot.n, lambda o: o.excess),
-                "torque_terms": (len(TorqueTerms._fields) * robot.n, lambda o: np.concatenate(o.terms)),
                 "desired_force": (3, lambda o: o.F_d),
                 "force_error": (3, lambda o: o.error),
                 "contact_position": (3, lambda o: o.p_WC),
@@ -199,22 +194,6 @@ class ContactForceController(LeafSystem):
                 "stop_velocity": (3, lambda o: o.gate.stop_velocity),
             },
         )
-
-    def _read_gains(self, n: int, params: ContactForceControlParameters) -> None:
-        self.gains = ForceGains(
-            np.diag(diagonal(params.K_f, 3, "K_f")),
-            np.diag(diagonal(params.K_d, 3, "K_d")),
-            np.array(np.linalg.inv(positive_definite(params.M_d, 3, "M_d"))) if len(params.M_d) else None,
-            diagonal(params.K_N, n, "K_N"),
-            params.misfit_lever,
-            params.max_effective_mass,
-        )
-        self._aligned, self._fixed = params.direction == "aligned", np.array(params.fixed_force, dtype=float)
-        self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
-        self._hold_damping = diagonal(params.hold_damping, n, "hold_damping")
-        self._yield_damping = diagonal(params.yield_damping, n, "yield_damping")
-        self._fade = float(np.exp(-params.period / params.transition_time))
-        self._brake_fade = float(np.exp(-params.period / params.brake_time))
 
     def _evaluate(self, context: Context) -> _Output:
         terms: DynamicsTerms = self._dynamics.Eval(context)
@@ -245,9 +224,8 @@ class ContactForceController(LeafSystem):
 
     def _without_force(self, terms: DynamicsTerms, interaction: Interaction, law: Law) -> TorqueTerms:
         if law[0] == "hold":
-            return posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
-        damping = self._hold_damping if law[0] == "brake" else self._yield_damping
-        return posture_torque(terms, terms.q, self._hold, damping)
+            return self._held(terms, interaction)
+        return self._damped(terms, self._hold_damping if law[0] == "brake" else self._yield_damping)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Output = self._output.Eval(context)

@@ -5,16 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, State
 
-from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque, posture_torque
+from saphari_drake.control.contact_controller import ContactController, inverse_inertia
+from saphari_drake.control.contact_torque import Handover, Law, TorqueTerms, misfit_torque
 from saphari_drake.control.torque_limits import limit_torque
-from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.parameters import diagonal, positive_definite, require_non_negative, require_positive
-from saphari_drake.port_values import ContactPoint, Interaction, InteractionMode
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
+from saphari_drake.port_values import Interaction, InteractionMode
+from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, point_position
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -134,7 +133,7 @@ _LAWS = {
 }
 
 
-class ContactImpedanceController(LeafSystem):
+class ContactImpedanceController(ContactController):
     """Answers a contact with an impedance, holds the posture without one.
 
     .. pydrake_system::
@@ -170,57 +169,26 @@ class ContactImpedanceController(LeafSystem):
     """
 
     def __init__(self, robot: RobotModel, params: ContactImpedanceParameters | None = None) -> None:
-        super().__init__()
-        self._robot, self._params = robot, params or ContactImpedanceParameters()
-        self._read_gains(robot.n, self._params)
-        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
-        nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
-        self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
-        self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(robot.n))
-        zero = np.zeros(robot.n)
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(Handover(None, zero, zero)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
-        start = _Output(posture_torque(terms, robot.home, zero, zero), zero, zero, zero[:3], zero[:3], ("hold", 0, -1))
-        self._output = declare_cache(
-            self,
-            "torque",
-            start,
-            self._evaluate,
-            {
-                self._dynamics.ticket(),
-                self._interaction.ticket(),
-                self._force.ticket(),
-                self._misfit.ticket(),
-                self.abstract_state_ticket(self._memory),
-            },
-        )
-        declare_readouts(
-            self,
-            self._output,
-            {
-                "torque_commanded": (robot.n, lambda o: o.torque),
-                "torque_excess": (robot.n, lambda o: o.excess),
-                "torque_terms": (len(TorqueTerms._fields) * robot.n, lambda o: np.concatenate(o.terms)),
-                "position_error": (3, lambda o: o.error),
-                "contact_position": (3, lambda o: o.p_WC),
-            },
-        )
-
-    def _read_gains(self, n: int, params: ContactImpedanceParameters) -> None:
+        params = params or ContactImpedanceParameters()
+        super().__init__(robot, params)
         self.gains = ImpedanceGains(
             np.diag(diagonal(params.K_p, 3, "K_p")),
             np.diag(diagonal(params.K_d, 3, "K_d")),
-            np.array(np.linalg.inv(positive_definite(params.M_d, 3, "M_d"))) if len(params.M_d) else None,
-            diagonal(params.K_N, n, "K_N"),
+            inverse_inertia(params),
+            diagonal(params.K_N, robot.n, "K_N"),
             params.misfit_lever,
             params.max_effective_mass,
         )
-        self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")
-        self._hold_damping = diagonal(params.hold_damping, n, "hold_damping")
-        self._yield_damping = diagonal(params.yield_damping, n, "yield_damping")
-        self._fade = float(np.exp(-params.period / params.transition_time))
+        zero, none = np.zeros(robot.n), np.zeros(3)
+        hold = self._damped(self._terms_at_home, zero)
+        self._declare_outputs(
+            self._evaluate,
+            self._update,
+            _Output(hold, zero, zero, none, none, ("hold", 0, -1)),
+            Handover(None, zero, zero),
+            [],
+            {"position_error": (3, lambda o: o.error), "contact_position": (3, lambda o: o.p_WC)},
+        )
 
     def _evaluate(self, context: Context) -> _Output:
         terms: DynamicsTerms = self._dynamics.Eval(context)
@@ -236,9 +204,9 @@ class ContactImpedanceController(LeafSystem):
             F, misfit = self._force.Eval(context), self._misfit.Eval(context)
             parts = contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
         elif law[0] == "hold":
-            parts = posture_torque(terms, interaction.q_latched, self._hold, self._hold_damping)
+            parts = self._held(terms, interaction)
         else:
-            parts = posture_torque(terms, terms.q, self._hold, self._yield_damping)
+            parts = self._damped(terms, self._yield_damping)
         parts = handover.into(law, parts)
         torque, excess = limit_torque(parts.total(), self._robot.tau_max)
         return _Output(parts, torque, excess, error, p_WC, law)
