@@ -1,7 +1,7 @@
 """A person touches the arm, which keeps the force of the contact at 15 N (Section 7, Fig. 15 and 16)."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,9 @@ from saphari_drake.control.force_stability import hand_stiffness_limits
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation import contact_analysis as touches_of
 from saphari_drake.simulation import force_analysis as judge
-from saphari_drake.simulation.contact_cell import ContactCell, ContactCellParameters, add_contact_cell
+from saphari_drake.simulation.contact_cell import ContactCell, add_contact_cell
 from saphari_drake.simulation.contact_run import (
+    ContactScenario,
     aimed,
     load_robot,
     median,
@@ -37,22 +38,10 @@ STIFFNESS, DAMPING = 100.0, 20.0
 
 
 @dataclass
-class ContactForceScenario:
+class ContactForceScenario(ContactScenario):
     """Everything a run depends on."""
 
     case: str = "compatible"
-    # Seed of the camera's noise and of where the person aims.
-    seed: int = 0
-    # s
-    duration: float = 18.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
-    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
-    # m; the person misses the aimed point by up to this in each direction.
-    aim_spread: float = 0.006
-    pushes: list[Push] = field(default_factory=list)
-    system: ContactCellParameters = field(default_factory=ContactCellParameters)
 
 
 def resisting(

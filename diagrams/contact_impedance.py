@@ -10,8 +10,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation import contact_analysis as judge
-from saphari_drake.simulation.contact_cell import ContactCell, ContactCellParameters, add_contact_cell
+from saphari_drake.simulation.contact_cell import ContactCell, add_contact_cell
 from saphari_drake.simulation.contact_run import (
+    ContactScenario,
     aimed,
     load_robot,
     median,
@@ -37,23 +38,11 @@ SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
 
 
 @dataclass
-class ContactImpedanceScenario:
-    """Everything a run depends on."""
+class ContactImpedanceScenario(ContactScenario):
+    """Everything a run depends on; the recorded case ends with its recording if that is earlier than `duration`."""
 
     case: str = "natural"
-    # Seed of the camera's noise and of where the person aims.
-    seed: int = 0
-    # s; the recorded case ends with its recording if that is earlier.
-    duration: float = 18.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
-    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
-    # m; the person misses the aimed point by up to this in each direction.
-    aim_spread: float = 0.006
-    pushes: list[Push] = field(default_factory=list)
     recording: RecordedPushParameters = field(default_factory=RecordedPushParameters)
-    system: ContactCellParameters = field(default_factory=ContactCellParameters)
 
 
 def scenario_for(case: str) -> ContactImpedanceScenario:

@@ -1,7 +1,7 @@
 """What every experiment in the contact cell does alike: load, aim, record, run, time and replay."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,25 @@ from saphari_drake.simulation.replay import Arrow, Marker, write_replay
 Array = NDArray[np.float64]
 BLUE, GREEN = (0.0, 0.25, 0.80), (0.0, 0.62, 0.45)
 ARROW_SCALE = 0.008  # m/N
+
+
+@dataclass
+class ContactScenario:
+    """Everything that a run of the contact cell depends on."""
+
+    case: str
+    # Seed of the camera's noise and of where the person aims.
+    seed: int = 0
+    # s
+    duration: float = 18.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
+    # m; the person misses the aimed point by up to this in each direction.
+    aim_spread: float = 0.006
+    pushes: list[Push] = field(default_factory=list)
+    system: ContactCellParameters = field(default_factory=ContactCellParameters)
 
 
 def load_robot(name: str, home: Sequence[float]) -> RobotModel:
