@@ -62,6 +62,8 @@ class PriorityStack:
     tasks : list of FrameTask and ScalarTask
     sides : list of (Bound, sign)
         The constraints: +1 for an upper bound, −1 for a lower one; in the order of the activations.
+    bounds : (c,) array
+        Their bounds, lower ones as −x̄.
     num_targets : int
         How many targets the components refer to.
     """
@@ -106,7 +108,15 @@ class PriorityStack:
         t = robot.tree
         self._tree = t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML
 
-    def solve(self, q: ArrayLike, v_start: ArrayLike, references: Array, targets: Array, period: float) -> StackResult:
+    def solve(
+        self,
+        q: ArrayLike,
+        v_start: ArrayLike,
+        references: Array,
+        targets: Array,
+        period: float,
+        bounds: Array | None = None,
+    ) -> StackResult:
         """Return the joint velocity of eq. (24)–(32), regularised, at joint positions `q`.
 
         Parameters
@@ -120,6 +130,8 @@ class PriorityStack:
             Position and velocity of each target in the world.
         period : float
             Control cycle (s).
+        bounds : (c,) array, optional
+            Bounds in place of the attribute `bounds`; infinite ones take a constraint out.
 
         Raises
         ------
@@ -133,7 +145,8 @@ class PriorityStack:
             raise StateError(f"positions, velocities, references, targets: sizes {sizes}, needed {wanted}")
         result = StackResult(
             *_solve(
-                self._tree, q, self._table, self._task_table, references, targets, self._shape, self.bounds,
+                self._tree, q, self._table, self._task_table, references, targets, self._shape,
+                self.bounds if bounds is None else bounds,
                 self._buffers, v_start, self.robot.v_max, period, self._damping, self._task_damping, self.rows,
             )
         )  # fmt: skip

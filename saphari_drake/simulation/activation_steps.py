@@ -1,40 +1,53 @@
-"""What the entry and the release of a unilateral constraint do to the command: the bound of its own activation."""
+"""What the entry and the release of a unilateral constraint do to the command, against the activation's own bound."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.control.priority_stack import PriorityStack
+
 Array = NDArray[np.float64]
 
-AROUND = 5  # cycles before and after an event that show the motion's own steps
+
+class Switch(NamedTuple):
+    """A constraint that entered the command or left it between two cycles."""
+
+    cycle: int  # the one in which it is active
+    row: int
+    activation: float
+    step: float  # rad/s, largest joint velocity that it adds there, and did not before or does not after
+    share: float  # of h_i max_j v_max_j, what its activation allows it to add
 
 
-def switch_step_shares(activation: Array, velocity: Array) -> Array:
-    """Return, for each entry or release of a constraint, the velocity step as a share of the activation's own bound.
+def find_switches(
+    stack: PriorityStack, q: Array, v_start: Array, references: Array, targets: Array, activation: Array, period: float
+) -> list[Switch]:
+    """Return every entry and release of a constraint along a run.
 
-    A constraint adds h·(a velocity of the size of q̇) to the command. Where its h leaves or reaches 0 between two
-    cycles, it therefore adds no more than |Δh|·max|q̇| to the step that the motion makes anyway, which the cycles
-    around it show. A stack that switches rows on and off would step by the whole of max|q̇|.
+    The step is the difference between the command and the one without the constraint, solved again. A stack that
+    switched rows on and off would show a step of the size of q̇ at any activation.
 
     Parameters
     ----------
+    q, v_start : (T, n) arrays
+        Joint positions the controller saw, and the velocities below all levels.
+    references : (T, tasks, 18) array
+    targets : (T, k, 6) array
     activation : (T, c) array
-        h of each constraint at each cycle.
-    velocity : (T, n) array
-        Joint velocity command at each cycle.
-
-    Returns
-    -------
-    (e,) array
-        Largest joint step over its bound |Δh|·max|q̇| + (largest step of the five cycles before and after), by event.
+    period : float
+        Control cycle (s).
     """
-    steps = np.abs(np.diff(velocity, axis=0)).max(axis=1, initial=0.0)
-    jumps = np.abs(np.diff(activation, axis=0)).max(axis=1, initial=0.0)
     on = activation > 0.0
-    events = 1 + np.flatnonzero((on[2:-1] != on[1:-2]).any(axis=1))
-    near = np.r_[-AROUND:0, 1 : AROUND + 1]
-    around = steps[np.clip(events[:, None] + near, 0, len(steps) - 1)].max(axis=1, initial=0.0)
-    size = np.maximum(np.abs(velocity[events]).max(axis=1), np.abs(velocity[events + 1]).max(axis=1))
-    bound = jumps[events] * size + around
-    return steps[events] / np.maximum(bound, np.finfo(float).tiny)
+    v_max, switches = float(np.max(stack.robot.v_max)), []
+    for k, row in np.argwhere(on[1:] != on[:-1]):
+        cycle = k + 1 if on[k + 1, row] else k
+        without = stack.bounds.copy()
+        without[row] = np.inf
+        given = q[cycle], v_start[cycle], references[cycle], targets[cycle], period
+        step = float(np.abs(stack.solve(*given).v - stack.solve(*given, bounds=without).v).max())
+        h = float(activation[cycle, row])
+        switches.append(Switch(int(cycle), int(row), h, step, step / (h * v_max)))
+    return switches

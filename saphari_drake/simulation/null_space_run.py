@@ -84,7 +84,7 @@ class Run:
         rows: list[list[Array]] = [[], [], []]
         torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
         for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
-            J_inv = controller.kinematics(evaluate_dynamics(robot, q, v))[0].J_inv
+            J_inv = controller.kinematics(evaluate_dynamics(robot, q, v)).task.J_inv
             for row, torque in zip(rows, torques):
                 row.append(J_inv.T @ torque[k])
         return np.array(rows[0]), np.array(rows[1]), np.array(rows[2])
@@ -108,8 +108,8 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     builder = DiagramBuilder()
     parts = add_null_space_cell(builder, robot, _aimed(scenario))
     if scenario.moving:
-        _, R, p, _ = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
-        motion = StraightMotion(RigidTransform(RotationMatrix(R), p), scenario.motion)
+        start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
             builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))

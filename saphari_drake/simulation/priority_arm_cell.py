@@ -10,10 +10,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import MatrixGain
 
 from saphari_drake.control.joint_servo import JointVelocityServo
-from saphari_drake.control.reverse_priority import ReversePriorityController
+from saphari_drake.control.reverse_priority import ReversePriorityController, position_reference
 from saphari_drake.perception.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
-from saphari_drake.simulation.activation_steps import switch_step_shares
+from saphari_drake.simulation.activation_steps import find_switches
 from saphari_drake.simulation.differential_ik import DifferentialIK, median_seconds
 from saphari_drake.simulation.experiment import Log, Metric
 from saphari_drake.simulation.kinematic_arm import SampledSignal
@@ -70,6 +70,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
     state = plant.get_state_output_port()
     recorder.add("position", state, "rad", lambda x: x[:n])
     recorder.add("velocity", state, "rad/s", lambda x: x[n:])
+    recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
     recorder.add("person", person.GetOutputPort("value"), "m, m/s")
     recorder.add("reference", path.GetOutputPort("value"), "m, m/s", lambda r: np.append(r[9:12], r[15:18]))
     for name, unit in (
@@ -109,7 +110,11 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
     status, elbow = log["status"][:, 0], log["elbow"][:, 1]
     low, high = job.params.elbow
     outside = np.mean((elbow < low) | (elbow > high))
-    switches = switch_step_shares(log["activation"], log["velocity_commanded"])
+    references = np.array([[position_reference(r[:3], r[3:])] for r in log["reference"]])
+    before = np.vstack([np.zeros((1, job.robot.n)), log["velocity_commanded"][:-1]])
+    decay, period, targets = job.params.controller.decay, job.params.controller.period, log["person"].reshape(-1, 2, 6)
+    args = log["position_measured"], decay * before, references, targets, log["activation"], period
+    switches = find_switches(cell.controller.stack, *args)
     measured = np.abs(log["velocity"] / job.robot.v_max).max()
     return [
         Metric("min_clearance_m", log["clearance_min"].min(), "m", low=job.params.clearance),
@@ -121,7 +126,8 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
         Metric("elbow_outside_share", float(outside), "1"),
         Metric("velocity_step_max", np.abs(np.diff(log["velocity_commanded"], axis=0)).max(), "rad/s"),
         Metric("activation_jump_max", np.abs(np.diff(log["activation"], axis=0)).max(), "1", high=0.5),
-        Metric("switch_step_share_max", switches.max(initial=0.0), "1", high=1.0),
+        Metric("switch_velocity_step_max", max((s.step for s in switches), default=0.0), "rad/s"),
+        Metric("switch_velocity_share_max", max((s.share for s in switches), default=0.0), "1", high=1.0),
         Metric("scaled_share", float(np.mean(status == 1)), "1"),
         Metric("unreachable_share", float(np.mean(status == 2)), "1"),
         Metric("torque_excess_max_Nm", np.abs(log["torque_excess"]).max(), "Nm"),

@@ -17,7 +17,7 @@ from saphari_drake.control.reverse_priority import (
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.activation_steps import switch_step_shares
+from saphari_drake.simulation.activation_steps import Switch, find_switches
 from saphari_drake.simulation.differential_ik import DifferentialIK, median_seconds
 from saphari_drake.simulation.experiment import Log, Metric
 from saphari_drake.simulation.kinematic_arm import KinematicArm, SampledSignal, WaypointPath
@@ -116,12 +116,24 @@ def add_derived(cell: PlanarCell, log: Log) -> None:
     log.add("task_error_norm", np.linalg.norm(log["task_error"], axis=1), "m")
 
 
+def planar_switches(cell: PlanarCell, log: Log) -> list[Switch]:
+    """Return the entries and releases of the constraints."""
+    stack, controller = cell.controller.stack, cell.params.controller
+    if not stack.sides:
+        return []
+    references = np.array([[position_reference(r[:3], r[3:])] for r in log["reference"]])
+    before = np.vstack([np.zeros((1, cell.robot.n)), log["velocity"][:-1]])
+    targets = np.zeros((len(log.time), 0, 6))
+    args = log["position"], controller.decay * before, references, targets, log["activation"]
+    return find_switches(stack, *args, controller.period)
+
+
 def judge_planar(cell: PlanarCell, log: Log, case: str) -> list[Metric]:
     """Return the metrics of a case; bounds for the constrained one, the expected values for the others."""
     p, y4 = cell.params, log["y4"][:, 0]
     errors = goal_errors(cell, log.time, log["tip"])
     jump = np.abs(np.diff(log["activation"], axis=0)).max()
-    switches = switch_step_shares(log["activation"], log["velocity"])
+    switches = planar_switches(cell, log)
     inf = np.inf
     high4 = {"constrained": p.upper, "soft_off": p.upper}.get(case, inf)
     goal1 = (0.4982, 0.5022) if case == "constrained" else (-inf, inf)
@@ -136,7 +148,8 @@ def judge_planar(cell: PlanarCell, log: Log, case: str) -> list[Metric]:
         Metric("min_y4", y4.min(), "m", low=-1.01 if case == "constrained" else -inf),
         Metric("max_joint_speed", np.abs(log["velocity"]).max(), "rad/s", high=8.0 if case == "constrained" else inf),
         Metric("activation_jump_max", jump, "1", high=0.5),
-        Metric("switch_step_share_max", switches.max(initial=0.0), "1", high=1.0),
+        Metric("switch_velocity_step_max", max((s.step for s in switches), default=0.0), "rad/s"),
+        Metric("switch_velocity_share_max", max((s.share for s in switches), default=0.0), "1", high=1.0),
         Metric("velocity_step_max", np.abs(np.diff(log["velocity"], axis=0)).max(), "rad/s"),
         Metric("singular_value_min", log["singular_value"].min(), "m"),
         Metric("task_scale_min", log["task_scale"].min(), "1"),
