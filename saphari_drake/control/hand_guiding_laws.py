@@ -1,0 +1,274 @@
+"""Hand guiding as pure functions: admittance (48), (50), accelerations of two points by priority (49), tracking (47).
+
+Compiled, without BLAS; all arrays are float64 and contiguous.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from saphari_drake.math.products import apply, product, symmetric_eigen
+from saphari_drake.robots.dynamics import DynamicsTerms
+
+Array = NDArray[np.float64]
+KNEE = 0.8  # share of the speed limit up to which the admittance is left as it is
+
+
+@njit(cache=True)
+def norm(v):
+    """Return the Euclidean length of a vector."""
+    total = 0.0
+    for x in v:
+        total += x * x
+    return np.sqrt(total)
+
+
+@njit(cache=True)
+def task_inverse(J, threshold):
+    """Return J† with singular values σ below `threshold` damped so that it stays continuous and bounded.
+
+    1/σ becomes (2 − σ²/ε²)σ/ε² for σ < ε, which fits value and slope at ε and goes to zero with σ. Above ε it is exact.
+
+    Parameters
+    ----------
+    J : (m, n) array
+        Jacobian of any rank.
+    threshold : float
+        ε, in the unit of J.
+
+    Returns
+    -------
+    J_inv : (n, m) array
+    reachable : (m, m) array
+        J J†, the projector on the directions in which the point can move.
+    rank : int
+        Number of singular values above the threshold.
+    lost : (m,) array
+        Unit direction in which the point moves the least; zero at full rank.
+    """
+    m, n = J.shape
+    squares, U = symmetric_eigen(product(J, J.T.copy()))
+    J_inv, reachable, lost = np.zeros((n, m)), np.zeros((m, m)), np.zeros(m)
+    rank, limit = 0, threshold * threshold
+    for k in range(m):
+        square = max(squares[k], 0.0)
+        if square >= limit:
+            scale = 1.0 / square
+            rank += 1
+        else:
+            scale = (2.0 - square / limit) / limit
+        column = np.zeros(n)
+        for j in range(n):
+            for i in range(m):
+                column[j] += J[i, j] * U[i, k]
+        for i in range(m):
+            for j in range(n):
+                J_inv[j, i] += scale * column[j] * U[i, k]
+            for j in range(m):
+                reachable[i, j] += scale * square * U[i, k] * U[j, k]
+    if rank < m:
+        lost[:] = U[:, 0]
+    return J_inv, reachable, rank, lost
+
+
+@njit(cache=True)
+def priority_acceleration(J, a, rest, threshold):
+    """Return the joint acceleration that moves one point exactly, and another as far as the first leaves it free.
+
+        q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   N_1 = I − J_1†J_1,   N_2 = N_1 − (J_2N_1)†J_2N_1.
+
+    Corrected: (49) prints N_1J_2† for (J_2N_1)†, which realises only a part of the second acceleration that is
+    possible. The last term, not in (49), says what joint motion does that no point asks for. As long as the singular
+    values of J_1 are zero or above the threshold, J_1q̈_c = J_1J_1†a_1 whatever a_2 and r are.
+
+    Parameters
+    ----------
+    J : (k, 3, n) array
+        Jacobians of the main point and, if k = 2, of the second one.
+    a : (k, 3) array
+        a_c = ẍ_{c,d} − J̇_cq̇.
+    rest : (n,) array
+        r (rad/s²).
+    threshold : float
+        Singular values below this are damped.
+
+    Returns
+    -------
+    acceleration : (n,) array
+    N_1 : (n, n) array
+    reachable : (k, 3, 3) array
+        Directions in which each point can move, the second one without moving the first.
+    rank : (k,) array
+    lost : (k, 3) array
+        See `task_inverse`.
+    """
+    k, n = J.shape[0], J.shape[2]
+    reachable, rank, lost = np.empty((k, 3, 3)), np.empty(k), np.empty((k, 3))
+    J_inv, reachable[0], rank[0], lost[0] = task_inverse(J[0], threshold)
+    N_1 = np.eye(n) - product(J_inv, J[0])
+    acceleration = apply(J_inv, a[0]) + apply(N_1, rest)
+    if k > 1:
+        J_inv, reachable[1], rank[1], lost[1] = task_inverse(product(J[1], N_1), threshold)
+        acceleration += apply(J_inv, a[1] - apply(J[1], acceleration))
+    return acceleration, N_1, reachable, rank, lost
+
+
+@njit(cache=True)
+def smooth_limit(v, limit):
+    """Return a vector shortened to less than `limit`, in the same direction; unchanged below 0.8 of it, C¹ beyond."""
+    size, knee = norm(v), KNEE * limit
+    if size <= knee:
+        return v.copy()
+    rest = limit - knee
+    return v * ((limit - rest * np.exp(-(size - knee) / rest)) / size)
+
+
+@njit(cache=True)
+def admittance(v, force, compliance, step, max_speed):
+    """Return ṗ_d (3,) of the next cycle by (48), M_c p̈_d = F − D_c ṗ_d, and whether the speed limit showed.
+
+    Implicit Euler, ṗ' = ṗ + (M + T D)⁻¹T D (D⁻¹F − ṗ): stable for any gains, with ṗ_d = D⁻¹F at rest. D⁻¹F is
+    limited by `smooth_limit`. A motion that is faster, as the other point can bring about, is only slowed by D.
+
+    Parameters
+    ----------
+    v, force : (3,) arrays
+        ṗ_d (m/s) and F (N).
+    compliance, step : (3, 3) arrays
+        D⁻¹ (m/s/N) and (M + T D)⁻¹T D, see `admittance_matrices`.
+    max_speed : float
+        In m/s.
+    """
+    target = apply(compliance, force)
+    limited = norm(target) > KNEE * max_speed
+    following = v + apply(step, smooth_limit(target, max_speed) - v)
+    limit, size = max(max_speed, norm(v)), norm(following)
+    if size > limit:
+        following *= limit / size
+    return following, limited
+
+
+def admittance_matrices(mass: Array, damping: Array, period: float) -> tuple[Array, Array]:
+    """Return D⁻¹ and (M + T D)⁻¹T D, both (3, 3), of an admittance with M (kg) and D (Ns/m) at a period T (s)."""
+    step = np.linalg.solve(mass + period * damping, period * damping)
+    return np.ascontiguousarray(np.linalg.inv(damping)), np.ascontiguousarray(step)
+
+
+@njit(cache=True)
+def confine(v, p, centre, radius, time):
+    """Return a velocity whose part out of a sphere does not exceed (distance to the sphere)/time, and if it did.
+
+    A point that starts inside then stays there, as its distance to the sphere decays no faster than exp(−t/time). One
+    that is outside already is not driven back.
+
+    Parameters
+    ----------
+    v, p, centre : (3,) arrays
+        Velocity, position and centre of the sphere (m).
+    radius, time : float
+        Radius (m; 0: no bound), and time constant (s).
+    """
+    away = p - centre
+    distance = norm(away)
+    if radius == 0.0 or distance < 1e-9:
+        return v, False
+    away /= distance
+    excess = -max(radius - distance, 0.0) / time
+    for i in range(3):
+        excess += v[i] * away[i]
+    return (v - excess * away, True) if excess > 0.0 else (v, False)
+
+
+@njit(cache=True)
+def limit_joint_velocity(v, N_1, low, high):
+    """Return a joint velocity within bounds, and whether it had to be changed.
+
+    Motion that leaves the main point alone, N_1 v, is shortened first. If that is not enough, all motion is, which
+    keeps the direction of both points.
+
+    Parameters
+    ----------
+    v : (n,) array
+        Velocity asked for.
+    N_1 : (n, n) array
+        Null-space projector of the main point.
+    low, high : (n,) arrays
+        Bounds, low ≤ 0 ≤ high.
+    """
+    n = len(v)
+    inside = True
+    for j in range(n):
+        inside = inside and low[j] <= v[j] <= high[j]
+    if inside:
+        return v, False
+    below = apply(N_1, v)
+    main = v - below
+    least, most = 0.0, 1.0
+    for j in range(n):
+        if below[j] > 0.0:
+            least, most = max(least, (low[j] - main[j]) / below[j]), min(most, (high[j] - main[j]) / below[j])
+        elif below[j] < 0.0:
+            least, most = max(least, (high[j] - main[j]) / below[j]), min(most, (low[j] - main[j]) / below[j])
+        elif main[j] < low[j] or main[j] > high[j]:
+            most = -1.0
+    if most >= least:
+        return np.minimum(np.maximum(main + most * below, low), high), True
+    share = 1.0
+    for j in range(n):
+        if v[j] > high[j]:
+            share = min(share, high[j] / v[j])
+        elif v[j] < low[j]:
+            share = min(share, low[j] / v[j])
+    return np.minimum(np.maximum(share * v, low), high), True
+
+
+def velocity_bounds(q: Array, q_min: Array, q_max: Array, v_max: Array, time: float) -> tuple[Array, Array]:
+    """Return the smallest and largest joint velocities (n,) at `q`: (distance to the limit)/time, at most v_max."""
+    high = np.minimum(np.maximum((q_max - q) / time, 0.0), v_max)
+    return -np.minimum(np.maximum((q - q_min) / time, 0.0), v_max), high
+
+
+@njit(cache=True)
+def contact_torque(S, moved_by, p, force, moment):
+    """Return the joint torque (n,) of a force (N) at p (m) and a moment (Nm) on a link, world axes.
+
+    Parameters
+    ----------
+    S : (n, 6) array
+        Joint axes, spatial [ω; v] at the world origin.
+    moved_by : (n,) array
+        1.0 for each joint that moves the link.
+    p, force, moment : (3,) arrays
+    """
+    about = np.array([
+        p[1] * force[2] - p[2] * force[1] + moment[0],
+        p[2] * force[0] - p[0] * force[2] + moment[1],
+        p[0] * force[1] - p[1] * force[0] + moment[2],
+    ])  # fmt: skip
+    torque = np.zeros(S.shape[0])
+    for j in range(S.shape[0]):
+        for i in range(3):
+            torque[j] += moved_by[j] * (S[j, i] * about[i] + S[j, 3 + i] * force[i])
+    return torque
+
+
+def tracking_torque(
+    terms: DynamicsTerms, q_c: Array, v_c: Array, a_c: Array, K_P: float, K_D: float, coriolis: bool
+) -> Array:
+    """Return τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + g (47), (n,) in Nm, without the forces of the contacts.
+
+    Parameters
+    ----------
+    terms : DynamicsTerms
+        Of the measured state.
+    q_c, v_c, a_c : (n,) arrays
+        Commanded motion.
+    K_P, K_D : float
+        Gains (1/s², 1/s).
+    coriolis : bool
+        Whether to add C q̇, which (47) leaves out for slow motion.
+    """
+    torque = terms.M @ (a_c + K_D * (v_c - terms.v) + K_P * (q_c - terms.q)) + terms.g
+    return torque + terms.Cv if coriolis else torque
