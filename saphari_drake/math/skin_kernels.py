@@ -1,0 +1,201 @@
+"""Passes over the modules of a skin patch: how a touch spreads over them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_POINTS = 400
+_GOLDEN = 2.399963229728653  # rad, turn from one point of a sunflower to the next
+
+
+@njit(cache=True)
+def spread_touch(rows, columns, pitch, centre, radius, aspect, turn, exponent, layer, share, lean):
+    """Add up what each module carries of a unit load with the profile (1 − r²/a²)ᵉ on an ellipse.
+
+    Each of 400 points of equal load presses on a square of side `layer` (≤ pitch), the depth over which a soft cover
+    spreads it. What falls beside the patch is lost.
+
+    Parameters
+    ----------
+    rows, columns : int
+    pitch : float
+        Side of a module (m).
+    centre : (2,) array
+        Surface coordinates of the load (m).
+    radius, aspect, turn : float
+        Geometric mean of the half axes (m), their ratio, and the angle of the longer one from u (rad).
+    exponent : float
+        e: 0.5 as in Hertz's contact, 0 uniform.
+    layer : float
+        Side of the square (m).
+    share : (m,) array
+        Filled with the share of each module, 0–1.
+    lean : (m, 2) array
+        Filled with where the load of a module acts: −1 … 1 from one edge to the other, zero without load.
+    """
+    share[:] = 0.0
+    lean[:] = 0.0
+    cos, sin = np.cos(turn), np.sin(turn)
+    long, short = radius * np.sqrt(aspect), radius / np.sqrt(aspect)
+    weight = np.empty(2)
+    for k in range(_POINTS):
+        r = np.sqrt(1.0 - (1.0 - (k + 0.5) / _POINTS) ** (1.0 / (exponent + 1.0)))
+        a, b = long * r * np.cos(_GOLDEN * k), short * r * np.sin(_GOLDEN * k)
+        # In pitches from the corner of the patch.
+        x = (centre[0] + cos * a - sin * b) / pitch + 0.5 * rows
+        y = (centre[1] + sin * a + cos * b) / pitch + 0.5 * columns
+        half = 0.5 * layer / pitch
+        i0, j0 = int(np.floor(x - half)), int(np.floor(y - half))
+        for i in range(i0, i0 + 2):
+            low, high = max(x - half, float(i)), min(x + half, i + 1.0)
+            if high < low or i < 0 or i >= rows:
+                continue
+            weight[0] = (high - low) / (2.0 * half) if half > 0.0 else (1.0 if i == i0 else 0.0)
+            lean_u = low + high - 2.0 * i - 1.0
+            for j in range(j0, j0 + 2):
+                low_v, high_v = max(y - half, float(j)), min(y + half, j + 1.0)
+                if high_v < low_v or j < 0 or j >= columns:
+                    continue
+                weight[1] = (high_v - low_v) / (2.0 * half) if half > 0.0 else (1.0 if j == j0 else 0.0)
+                w = weight[0] * weight[1] / _POINTS
+                m = i * columns + j
+                share[m] += w
+                lean[m, 0] += w * lean_u
+                lean[m, 1] += w * (low_v + high_v - 2.0 * j - 1.0)
+    for m in range(share.shape[0]):
+        if share[m] > 0.0:
+            lean[m, 0] /= share[m]
+            lean[m, 1] /= share[m]
+
+
+@njit(cache=True)
+def module_forces(dv, inverse, coupling, neighbours, usable, rounds, forces):
+    """Fill `forces` (m, 3), N, module frames, from voltages over the baseline (m, 4) by a calibration.
+
+    What a module seems to feel is its own force and shares of its neighbours': f = A ψ(ΔV) − Σ Y f_neighbour, solved by
+    repetition, which contracts since the shares are small. Modules that are not usable get the mean of those around.
+    """
+    m = dv.shape[0]
+    felt = np.zeros((m, 3))
+    psi = np.empty(14)
+    for i in range(m):
+        if not usable[i]:
+            continue
+        k = 4
+        for a in range(4):
+            psi[a] = dv[i, a]
+            for b in range(a, 4):
+                psi[k] = dv[i, a] * dv[i, b]
+                k += 1
+        for c in range(3):
+            total = 0.0
+            for k in range(14):
+                total += inverse[i, c, k] * psi[k]
+            felt[i, c] = total
+    forces[:] = felt
+    fill_unusable(neighbours, usable, forces)
+    before = np.empty((m, 3))
+    for _ in range(rounds):
+        before[:] = forces
+        for i in range(m):
+            if not usable[i]:
+                continue
+            for c in range(3):
+                total = felt[i, c]
+                for n in range(8):
+                    j = neighbours[i, n]
+                    if j >= 0:
+                        for d in range(3):
+                            total -= coupling[i, n, c, d] * before[j, d]
+                forces[i, c] = total
+        fill_unusable(neighbours, usable, forces)
+
+
+@njit(cache=True)
+def fill_unusable(neighbours, usable, values):
+    """Give modules that are not usable the mean of the usable ones around, sides twice as much as corners."""
+    for i in range(values.shape[0]):
+        if usable[i]:
+            continue
+        values[i] = 0.0
+        total = 0.0
+        for n in range(8):
+            j = neighbours[i, n]
+            if j >= 0 and usable[j]:
+                w = 2.0 if n < 4 else 1.0
+                total += w
+                for d in range(values.shape[1]):
+                    values[i, d] += w * values[j, d]
+        if total > 0.0:
+            for d in range(values.shape[1]):
+                values[i, d] /= total
+
+
+@njit(cache=True)
+def pressure_peaks(pressure, neighbours, threshold, prominence, label):
+    """Divide the modules above a threshold into patches of pressure, and return the number of patches.
+
+    Modules are taken in falling order of pressure: one without a labelled neighbour is a new peak, others join the
+    highest neighbour's patch. Where two patches meet, they become one unless the lower peak rises above the pass
+    between them by the given share of itself.
+
+    Parameters
+    ----------
+    pressure : (m,) array
+        Force into the surface of each module (N).
+    neighbours : (m, 8) int array
+    threshold : float
+        N.
+    prominence : float
+        0–1.
+    label : (m,) int array
+        Filled with the patch of each module, −1 for none; patch 0 has the highest peak, and so on.
+    """
+    m = pressure.shape[0]
+    label[:] = -1
+    order = np.argsort(-pressure)
+    peak, into = np.empty(m), np.empty(m, dtype=np.int64)
+    count = 0
+    for step in range(m):
+        i = order[step]
+        if not pressure[i] > threshold:
+            break
+        best, home = 0.0, -1
+        for n in range(8):
+            j = neighbours[i, n]
+            if j >= 0 and label[j] >= 0 and pressure[j] > best:
+                best, home = pressure[j], label[j]
+        if home < 0:
+            label[i], peak[count], into[count] = count, pressure[i], count
+            count += 1
+            continue
+        label[i] = home
+        a = home
+        while into[a] != a:
+            a = into[a]
+        for n in range(8):
+            j = neighbours[i, n]
+            if j < 0 or label[j] < 0:
+                continue
+            b = label[j]
+            while into[b] != b:
+                b = into[b]
+            if b != a:
+                high, low = (a, b) if peak[a] >= peak[b] else (b, a)
+                if peak[low] - pressure[i] < prominence * peak[low]:
+                    into[low] = high
+                    a = high
+    number = np.full(count, -1, dtype=np.int64)
+    patches = 0
+    for k in range(count):
+        if into[k] == k:
+            number[k] = patches
+            patches += 1
+    for i in range(m):
+        if label[i] >= 0:
+            a = label[i]
+            while into[a] != a:
+                a = into[a]
+            label[i] = number[a]
+    return patches
