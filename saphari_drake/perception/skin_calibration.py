@@ -166,7 +166,14 @@ class SkinCalibration:
             own, given = (_told(identity) for identity in (self.identity, layout.identity))
             raise SensorError(f"{what}: belongs to a skin of {own}; this one has {given}")
         m = layout.count
-        shapes = {"offset": (m, CELLS), "inverse": (m, 3, TERMS), "coupling": (m, 8, 3, 3), "rms": (m,), "limits": (2,)}
+        shapes = {
+            "offset": (m, CELLS),
+            "inverse": (m, 3, TERMS),
+            "coupling": (m, 8, 3, 3),
+            "rms": (m,),
+            "worst": (m,),
+            "limits": (2,),
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise SensorError(f"{what}: {name} has shape {getattr(self, name).shape}; {shape} is needed")
@@ -178,25 +185,24 @@ class SkinCalibration:
 
     def report(self) -> str:
         """Return a table of the error of each module."""
-        rows = [
-            f"module {i:4d}  rms {rms:6.3f} N  worst {worst:6.3f} N"
-            for i, (rms, worst) in enumerate(zip(self.rms, self.worst))
-        ]
+        errors = zip(self.rms, self.worst)
+        rows = [f"module {i:4d}  rms {rms:6.3f} N  worst {worst:6.3f} N" for i, (rms, worst) in enumerate(errors)]
         for i in self.dead:
             rows[i] = f"module {i:4d}  dead"
         alive = np.setdiff1d(np.arange(len(self.rms)), self.dead)
         if len(alive):
             worst = alive[np.argmax(self.rms[alive])]
-            rows.append(
-                f"all: median rms {np.median(self.rms[alive]):.3f} N, worst module {worst} ({self.rms[worst]:.3f} N), {len(self.dead)} dead"
-            )
+            median = np.median(self.rms[alive])
+            rows.append(f"median rms {median:.3f} N; worst is module {worst} with {self.rms[worst]:.3f} N")
+        rows.append(f"{len(self.dead)} dead")
         return "\n".join(rows)
 
 
 def _told(identity: Array) -> str:
     if identity.shape != (4,):
         return f"shape {identity.shape}"
-    return f"{identity[0]:.0f} × {identity[1]:.0f} modules, {1e3 * identity[2]:.2f} mm apart, curvature {identity[3]:.2f}/m"
+    rows, columns, pitch, curvature = identity
+    return f"{rows:.0f} × {columns:.0f} modules, {1e3 * pitch:.2f} mm apart, curvature {curvature:.2f}/m"
 
 
 def features(dv: Array) -> Array:

@@ -121,7 +121,7 @@ class SkinModules:
         rng = np.random.default_rng([params.seed, 36])
         self.offset = params.offset + params.offset_spread * rng.uniform(-1.0, 1.0, (m, CELLS))
         self.gain = params.gain * (1.0 + params.gain_spread * rng.uniform(-1.0, 1.0, (m, CELLS)))
-        self.softening = rng.uniform(*params.softening, (m, CELLS))
+        self.softening = rng.uniform(params.softening[0], params.softening[1], (m, CELLS))
         self.weight = np.empty((m, CELLS, 3))
         self.weight[:, :, :2] = params.tangential_share * _SIGN
         self.weight[:, :, 2] = -1.0
@@ -170,7 +170,7 @@ class SkinModules:
         load += np.einsum("mnkj,...mnj->...mk", self._crosstalk, f_M[..., self._neighbours, :])
         exact = self.offset + self.gain * self.softening * (1.0 - np.exp(-load / self.softening)) + extra
         read = exact if params.resolution == 0.0 else params.resolution * np.round(exact / params.resolution)
-        read = np.clip(read, *params.voltage_range)
+        read = np.clip(read, params.voltage_range[0], params.voltage_range[1])
         dead = {"zero": 0.0, "frozen": self.offset[self.dead], "nan": np.nan}[params.dead_reading]
         read[..., self.dead, :] = dead
         return read
