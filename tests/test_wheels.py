@@ -35,7 +35,7 @@ def test_command_has_no_lateral_part_and_keeps_the_rest():
 
 
 def test_arc_ends_where_the_chord_does():
-    """Held over a period while it turns, a command along the middle heading ends within v T (ω T)²/24 of it."""
+    """Held over a period while it turns, a command along the middle heading ends within v T (ω T)²/12 of it."""
     v, w, T = 0.4, 0.6, 0.1
     middle = 0.5 * w * T
     command = np.array([v * np.cos(middle), v * np.sin(middle), w])
@@ -44,7 +44,7 @@ def test_arc_ends_where_the_chord_does():
     for k in range(steps):
         heading = w * T * (k + 0.5) / steps
         position += T / steps * without_slip(command, heading, (0, 1, 2))[:2]
-    assert np.linalg.norm(position - T * command[:2]) < 1.01 * v * T * (w * T) ** 2 / 24.0
+    assert np.linalg.norm(position - T * command[:2]) < 1.01 * v * T * (w * T) ** 2 / 12.0
 
 
 def test_platform_twist_ports(omnirob):

@@ -19,7 +19,7 @@ def without_slip(velocity: Array, heading: float, base: Sequence[int]) -> Array:
 
     ẋ = v cos θ, ẏ = v sin θ with v = ẋ_c cos θ + ẏ_c sin θ, so that −ẋ sin θ + ẏ cos θ = 0 at every heading. A command
     that is held while the platform turns thus becomes an arc. With the direction that the command is meant for, the
-    heading halfway through the turn, the arc ends where the straight motion would, within v T (ω T)²/24.
+    heading halfway through the turn, the arc ends where the straight motion would, within v T (ω T)²/12.
 
     Parameters
     ----------
