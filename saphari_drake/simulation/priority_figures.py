@@ -22,6 +22,7 @@ from saphari_drake.simulation.replay import write_replay
 
 Array = NDArray[np.float64]
 BLUE, RED, MAGENTA = CYCLE[0], CYCLE[1], CYCLE[3]
+PERSON = (0.0, 0.25, 0.80)
 
 
 def planar_figure(cell: PlanarCell, log: Log, title: str) -> Figure:
@@ -124,8 +125,8 @@ def three_level_replay(cell: ThreeLevelCell, log: Log, path: Path, title: str) -
     rows = slice(None, None, 20)
     persons = log["person"][rows].reshape(-1, 2, 6)
     overlays = [
-        Marker("hand", persons[:, 0, :3], 0.065, (0.84, 0.37, 0.0)),
-        Marker("elbow", persons[:, 1, :3], 0.065, (0.84, 0.37, 0.0)),
+        Marker("hand", persons[:, 0, :3], 0.065, PERSON),
+        Marker("elbow", persons[:, 1, :3], 0.065, PERSON),
         Marker("reference", log["reference"][rows, :3], 0.015, (0.0, 0.62, 0.45)),
     ]
     view = ((1.9, -1.2, 1.2), (0.3, 0.0, 0.5))
