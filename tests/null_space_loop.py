@@ -28,7 +28,8 @@ class Loop:
         self.estimate, self.rest = np.zeros(robot.n), np.array(q)
         self.gain = discrete_gain(np.full(robot.n, 50.0), period)
         self.terms = evaluate_dynamics(robot, self.q, self.v)
-        _, self.R_d, self.p_d, _ = self.controller.kinematics(self.terms)
+        start = self.controller.kinematics(self.terms)
+        self.R_d, self.p_d = start.R, start.p
         self.integral = self.terms.p
         self.V_d = self.A_d = np.zeros(6)
 
@@ -41,7 +42,7 @@ class Loop:
         r = residual(d.p, self.integral, self.gain)
         momentum, period = self.params.observer == "momentum", self.params.period
         estimate = -r if momentum else self.estimate
-        force = task_force(self.params.observer, self.task, self.e, estimate, d.v, self.controller.gains)
+        force = task_force(self.controller.observer, self.task, self.e, estimate, d.v, self.controller.gains)
         stiffness, damping = np.full(self.robot.n, 10.0), np.full(self.robot.n, 5.0)
         torque = self.task.J.T @ (force.task + force.compensation) + d.Cv + d.g
         torque += null_space_torque(self.task, self.rest - self.q, d.M, stiffness, damping, period)

@@ -5,7 +5,7 @@ import pytest
 from bench import Bench
 from null_space_loop import Loop
 
-from saphari_drake.control.null_space_laws import gamma_bound, require_gamma
+from saphari_drake.control.null_space_stability import gamma_bound, require_gamma
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
 

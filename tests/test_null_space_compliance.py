@@ -13,6 +13,7 @@ from saphari_drake.control.null_space_laws import rotation_log, rotation_rate
 from saphari_drake.control.null_space_parameters import NullSpaceComplianceParameters
 from saphari_drake.errors import ParameterError, StateError, UnknownNameError
 from saphari_drake.math.rotations import axis_rotation
+from saphari_drake.math.task_space import project
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.null_space_cell import NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.simulation.obstacle_bodies import BallParameters, ball_travel
@@ -56,7 +57,7 @@ def test_steady_error_without_observer(lwr4):
     loop.run(8.0, np.array([2.0, -12.0, 1.0]))
     expected = loop.task.J_inv.T @ loop.tau_ext / loop.controller.gains.K_x
     np.testing.assert_allclose(loop.e.error, expected, rtol=1e-2, atol=1e-7)
-    balance = loop.task.project(10.0 * (loop.rest - loop.q) - loop.tau_ext)
+    balance = project(loop.task, 10.0 * (loop.rest - loop.q) - loop.tau_ext)
     assert np.linalg.norm(balance) < 0.02 * np.linalg.norm(loop.tau_ext)
 
 
@@ -129,7 +130,7 @@ def test_terms_add_up_and_hold_needs_gravity_alone(lwr4):
 def test_desired_pose_and_limits(lwr4):
     """A desired pose shows as error in the world; a far one is limited, reported, and stops the observer."""
     ports = Ports(lwr4, observer="task_error")
-    p = ports.system.kinematics(evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)))[2]
+    p = ports.system.kinematics(evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))).p
 
     def aim(offset):
         target = AbstractValue.Make(RigidTransform(RotationMatrix(), p + offset))

@@ -1,17 +1,27 @@
-"""Laws of Section 5 as functions of arrays: task error, task force of Propositions 1 to 3, null-space torque."""
+"""Laws of Section 5, compiled: task error, task force of Propositions 1 to 3, null-space torque, the whole command."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from saphari_drake.errors import ParameterError
-from saphari_drake.math.null_space import TaskSpace, sampled_damping
+from saphari_drake.math.products import apply, product
 from saphari_drake.math.rotations import skew
+from saphari_drake.math.task_space import (
+    TaskSpace,
+    project,
+    sampled_damping,
+    task_coriolis,
+    task_space,
+    velocity_torque,
+)
+from saphari_drake.math.tree_matrices import coriolis_matrix, frame_jacobian
 
 Array = NDArray[np.float64]
+NONE, TASK_ERROR, TASK_ERROR_PD, MOMENTUM = range(4)  # observers, in the order of their names
 
 
 class TaskError(NamedTuple):
@@ -45,57 +55,70 @@ class TaskForce(NamedTuple):
     drive: Array  # (n,) what the disturbance observer integrates
 
 
+class FrameState(NamedTuple):
+    """A frame fixed in a link, and the task space of its position (m = 3) or pose (m = 6)."""
+
+    task: TaskSpace
+    R: Array  # (3, 3) rotation in the world
+    p: Array  # (3,) position in the world (m)
+    V: Array  # (6,) velocity [ω; v] in the world
+
+
+@njit(cache=True)
 def rotation_log(R: Array) -> Array:
     """Return the rotation vector (3,) of a rotation matrix, of length up to π."""
     axial = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine, cosine = float(np.sqrt(axial @ axial)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    sine, cosine = np.sqrt(np.sum(axial * axial)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
     if sine > 1e-6:
         return axial * (angle / sine)
     if cosine > 0.0:
         return axial
     B = 0.5 * (R + R.T) + np.eye(3)  # 2 u uᵀ at half a turn
-    column = B[:, int(np.argmax(np.diag(B)))]
-    return angle * column / np.linalg.norm(column)
+    column = B[:, np.argmax(np.diag(B))]
+    return column * (angle / np.sqrt(np.sum(column * column)))
 
 
+@njit(cache=True)
 def rotation_rate(e: Array, w_desired: Array, w: Array) -> Array:
     """Return d/dt log(R_d Rᵀ)^∨ = J_l(e)⁻¹ ω_d − J_r(e)⁻¹ ω (3,)."""
-    angle = float(np.sqrt(e @ e))
+    angle = np.sqrt(np.sum(e * e))
     c = 1.0 / 12.0 if angle < 1e-3 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
-    E = skew(e)
-    return w_desired - w - 0.5 * (E @ (w_desired + w)) + c * (E @ (E @ (w_desired - w)))
+    E, wrong = skew(e), w_desired - w
+    return wrong - 0.5 * apply(E, w_desired + w) + c * apply(E, apply(E, wrong))
 
 
+@njit(cache=True)
 def task_error(R: Array, p: Array, V: Array, R_d: Array, p_d: Array, V_d: Array, A_d: Array, m: int) -> TaskError:
     """Return the error of a frame at (R, p) moving with V = [ω; v] from a desired motion, of which m = 3 or 6 count."""
+    velocity, way = V_d - V, p_d - p
     if m == 3:
-        velocity = V_d[3:] - V[3:]
-        return TaskError(p_d - p, velocity, velocity, A_d[3:])
-    turn = rotation_log(R_d @ R.T)
-    velocity = V_d - V
-    rate = np.concatenate([rotation_rate(turn, V_d[:3], V[:3]), velocity[3:]])
-    return TaskError(np.concatenate([turn, p_d - p]), velocity, rate, A_d)
+        return TaskError(way, velocity[3:], velocity[3:], A_d[3:])
+    error, rate = np.empty(6), velocity.copy()
+    error[:3], error[3:] = rotation_log(product(R_d, R.T)), way
+    rate[:3] = rotation_rate(error[:3], V_d[:3], V[:3])
+    return TaskError(error, velocity, rate, A_d)
 
 
+@njit(cache=True)
 def saturated(error: Array, scale: Array) -> Array:
     """Return f(x̃) = x̃ / (1 + ‖x̃‖) (44) with the norm in metres: rotation counts by the length `scale` (m,)."""
-    scaled = scale * error
-    return error / (1.0 + float(np.sqrt(scaled @ scaled)))
+    return error / (1.0 + np.sqrt(np.sum((scale * error) ** 2)))
 
 
-def task_force(observer: str, task: TaskSpace, e: TaskError, estimate: Array, v: Array, gains: TaskGains) -> TaskForce:
+@njit(cache=True)
+def task_force(observer: int, task: TaskSpace, e: TaskError, estimate: Array, v: Array, gains: TaskGains) -> TaskForce:
     """Return the task force Λ_x(ẍ_c − J̇q̇) of a proposition; the closed loop below is exact away from singularities.
 
-    - ``task_error`` (41): Λ_x s' + (μ_x + K)s = J_M^{#T}(τ_ext − τ̂), s = x̃' + P x̃.
-    - ``task_error_pd`` (43): Λ_x x̃'' + (μ_x + D)x̃' + K x̃ = J_M^{#T}(τ_ext − τ̂); ``none``: the same with τ̂ = 0.
-    - ``momentum`` (46): x̃'' + K_v x̃' + K_p x̃ = Λ_x⁻¹J_M^{#T}(τ_ext − τ̂) with τ̂ = −r.
+    - TASK_ERROR (41): Λ_x s' + (μ_x + K)s = J_M^{#T}(τ_ext − τ̂), s = x̃' + P x̃.
+    - TASK_ERROR_PD (43): Λ_x x̃'' + (μ_x + D)x̃' + K x̃ = J_M^{#T}(τ_ext − τ̂); NONE: the same with τ̂ = 0.
+    - MOMENTUM (46): x̃'' + K_v x̃' + K_p x̃ = Λ_x⁻¹J_M^{#T}(τ_ext − τ̂) with τ̂ = −r.
 
     Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`.
 
     Parameters
     ----------
-    observer : str
+    observer : int
         One of the names above.
     task, e :
         Task space and error.
@@ -106,23 +129,25 @@ def task_force(observer: str, task: TaskSpace, e: TaskError, estimate: Array, v:
     gains :
         Gains; see `TaskGains`.
     """
-    feedforward = e.acceleration - task.Jdot @ v
-    compensation = task.J_inv.T @ estimate
-    if observer == "task_error":
+    feedforward = e.acceleration - apply(task.Jdot, v)
+    compensation, idle = apply(task.J_inv.T, estimate), np.zeros(len(v))
+    if observer == TASK_ERROR:
         s = e.velocity + gains.P * e.error
-        K = sampled_damping(np.diag(gains.K), task.Lambda, gains.period)
-        force = task.Lambda @ (feedforward + gains.P * e.error_rate) + task.coriolis(s) + K @ s
-        return TaskForce(force, compensation, task.J_inv @ s)
-    if observer == "momentum":
-        force = task.Lambda @ (feedforward + gains.K_v * e.velocity + gains.K_p * e.error)
-        return TaskForce(force, compensation, np.zeros_like(v))
-    D = sampled_damping(np.diag(gains.D), task.Lambda, gains.period)
-    force = task.Lambda @ feedforward + task.coriolis(e.velocity) + D @ e.velocity + gains.K_x * e.error
-    if observer == "none":
-        return TaskForce(force, np.zeros_like(compensation), np.zeros_like(v))
-    return TaskForce(force, compensation, task.J_inv @ (e.velocity + gains.gamma * saturated(e.error, gains.scale)))
+        force = apply(task.Lambda, feedforward + gains.P * e.error_rate) + task_coriolis(task, s)
+        force += sampled_damping(gains.K, task.Lambda, gains.period, s)
+        return TaskForce(force, compensation, apply(task.J_inv, s))
+    if observer == MOMENTUM:
+        force = apply(task.Lambda, feedforward + gains.K_v * e.velocity + gains.K_p * e.error)
+        return TaskForce(force, compensation, idle)
+    force = apply(task.Lambda, feedforward) + task_coriolis(task, e.velocity) + gains.K_x * e.error
+    force += sampled_damping(gains.D, task.Lambda, gains.period, e.velocity)
+    if observer == NONE:
+        return TaskForce(force, np.zeros(len(compensation)), idle)
+    s = e.velocity + gains.gamma * saturated(e.error, gains.scale)
+    return TaskForce(force, compensation, apply(task.J_inv, s))
 
 
+@njit(cache=True)
 def null_space_torque(
     task: TaskSpace, q_error: Array, M: Array, stiffness: Array, damping: Array, period: float
 ) -> Array:
@@ -139,33 +164,54 @@ def null_space_torque(
         Diagonals of K_p and B (Nm/rad, Nms/rad); B enters as `sampled_damping`, since the last joints of a wrist are
         too light for a damping that suits the others.
     """
-    B = sampled_damping(np.diag(damping), M, period)
-    return task.project(stiffness * q_error - B @ task.v_null + task.velocity_torque())
+    pull = stiffness * q_error - sampled_damping(damping, M, period, task.v_null)
+    return project(task, pull + velocity_torque(task))
 
 
-def gamma_bound(inertia: Array, stiffness: Array, damping: Array, coriolis: float) -> float:
-    """Return the γ below which Proposition 2 holds (1/s).
+@njit(cache=True)
+def frame_state(parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, p_LE, max_mass) -> FrameState:
+    """Return the state of frame E, fixed in a link at (R_LE, p_LE), of a tree whose kinematics are known.
 
-    γ < min{ √(λ_min k_min)/λ_max, d/(λ_max + k_c + d²/(4k)) }: the first keeps the Lyapunov function positive definite,
-    the second its derivative negative semidefinite.
+    Its task has the dimension of `max_mass` (m,); the other arguments are those of `tree_dynamics`.
+    """
+    m = len(max_mass)
+    J, Jdot = frame_jacobian(parent, S, V, R_WL, p_WL, link, p_LE)
+    C = coriolis_matrix(parent, mass, com, inertia, R_WL, p_WL, S, V)
+    task = task_space(J[6 - m :], Jdot[6 - m :], M, C, v, max_mass)
+    return FrameState(task, product(R_WL[link], R_LE), p_WL[link] + apply(R_WL[link], p_LE), apply(J, v))
+
+
+@njit(cache=True)
+def command_terms(
+    parent, mass, com, inertia, S, V, R_WL, p_WL, M, Cv, g, q, v, link, R_LE, p_LE, max_mass, R_d, p_d, V_d, A_d,
+    observer, estimate, gains, yielding, yield_damping, q_d, stiffness, damping,
+):  # fmt: skip
+    """Return the named parts (5, n) of the torque command, the task error (m,) and the drive of the observer (n,).
 
     Parameters
     ----------
-    inertia : (…, m, m) array
-        Λ_x at the postures to be covered; λ_min and λ_max are the extreme eigenvalues.
-    stiffness, damping : (m,) arrays
-        Diagonals of K and D. The smallest entries count, and of d²/(4k) the largest.
-    coriolis : float
-        k_c with ‖μ_x‖ ≤ k_c ‖ẋ‖ (kg/m).
+    parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, p_LE, max_mass :
+        As in `frame_state`.
+    Cv, g, q : (n,) arrays
+        C q̇, gravity torque and joint positions.
+    R_d, p_d, V_d, A_d : (3, 3), (3,), (6,) and (6,) arrays
+        Desired pose, velocity and acceleration of the frame, in the world.
+    observer, estimate, gains :
+        As in `task_force`.
+    yielding : float
+        From 0 (the task is kept) to 1 (damping alone, of `yield_damping` in 1/s).
+    q_d, stiffness, damping : (n,) arrays
+        Rest posture and impedance of the body, as in `null_space_torque`.
     """
-    eigenvalues = np.linalg.eigvalsh(inertia)
-    low, high = float(eigenvalues.min()), float(eigenvalues.max())
-    k, d = float(stiffness.min()), float(damping.min())
-    return min(np.sqrt(low * k) / high, d / (high + coriolis + float(np.max(damping**2 / (4.0 * stiffness)))))
-
-
-def require_gamma(gamma: float, bound: float) -> None:
-    """Demand γ below its bound, or raise `ParameterError` naming both."""
-    if not gamma < bound:
-        what = f"must be below {bound:.3g} 1/s for these K_x and D and this arm around its home posture, got {gamma:g}"
-        raise ParameterError("gamma", what)
+    now = frame_state(parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, p_LE, max_mass)
+    task, m = now.task, len(max_mass)
+    e = task_error(now.R, now.p, now.V, R_d, p_d, V_d, A_d, m)
+    force = task_force(observer, task, e, estimate, v, gains)
+    loose = -apply(task.Lambda, apply(task.Jdot, v) + yield_damping * now.V[6 - m :])
+    keep = 1.0 - yielding
+    terms = np.empty((5, len(q)))
+    terms[0] = apply(task.J.T, keep * force.task + yielding * loose)
+    terms[1] = apply(task.J.T, keep * force.compensation)
+    terms[2] = null_space_torque(task, q_d - q, M, stiffness, damping, gains.period)
+    terms[3], terms[4] = Cv, g
+    return terms, e.error, force.drive

@@ -1,4 +1,6 @@
-"""Wall time of one 2 ms cycle of the null-space compliance: sensor, dynamics, observer and controller, on one thread.
+"""Time of one 2 ms cycle of the null-space compliance: sensor, dynamics, observer and controller, on one thread.
+
+Wall time, and time of the thread alone, which other programs on the machine disturb less.
 
 Run: python tests/benchmarks/benchmark_null_space.py
 """
@@ -24,17 +26,26 @@ CYCLES, WARM_UP = 1200, 100
 
 
 def main() -> None:
-    """Print the wall time of whole cycles and of controller with observer alone, for every observer and task."""
-    print(f"{'observer':16}{'task':10}{'whole cycle ms':>16}{'p95':>8}{'controller + observer ms':>26}{'p95':>8}")
+    """Print the times of whole cycles and of controller with observer alone, for every observer and task."""
+    print(f"{'':26}{'whole cycle, ms':>28}{'controller + observer, ms':>34}")
+    print(f"{'observer':16}{'task':10}" + f"{'wall':>12}{'p95':>8}{'thread':>8}{'':6}" * 2)
     for task in ("position", "pose"):
         for observer in ("none", "task_error", "task_error_pd", "momentum"):
             whole, own = cycles(observer, task)
-            row = f"{np.median(whole):16.3f}{np.percentile(whole, 95):8.3f}"
-            print(f"{observer:16}{task:10}{row}{np.median(own):26.3f}{np.percentile(own, 95):8.3f}")
+            cells = [
+                f"{np.median(wall):12.3f}{np.percentile(wall, 95):8.3f}{np.median(thread):8.3f}{'':6}"
+                for wall, thread in (whole, own)
+            ]
+            print(f"{observer:16}{task:10}{''.join(cells)}")
+
+
+def now() -> np.ndarray:
+    """Return wall and thread time (ms)."""
+    return 1e3 * np.array([time.perf_counter(), time.thread_time()])
 
 
 def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return wall times (ms) of cycles: all systems with Drake's event loop, and what follows the dynamics."""
+    """Return wall and thread times (2, cycles) in ms of all systems with the event loop, and of what follows M(q)."""
     params = NullSpaceCellParameters()
     params.controller.observer, params.controller.task, params.controller.gamma = observer, task, 0.05
     robot, builder = lwr4(), DiagramBuilder()
@@ -49,18 +60,18 @@ def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
     simulator.Initialize()
     dynamics = diagram.GetSubsystemByName("dynamics")
     own_context = dynamics.GetMyContextFromRoot(context)
-    whole, own = np.zeros(CYCLES), np.zeros(CYCLES)
+    whole, own = np.zeros((2, CYCLES)), np.zeros((2, CYCLES))
     for k in range(CYCLES):
         q = robot.home + 0.05 * np.sin(2e-3 * k + np.arange(robot.n)) + 1e-6 * rng.normal(size=robot.n)
         state.FixValue(context, np.concatenate([q, np.zeros(robot.n)]))
-        start = time.perf_counter()
+        start = now()
         simulator.AdvanceTo((k + 1.5) * PERIOD)
         dynamics.GetOutputPort("dynamics").Eval(own_context)
-        middle = time.perf_counter()
+        middle = now()
         torque.Eval(context)
-        end = time.perf_counter()
-        whole[k], own[k] = 1e3 * (end - start), 1e3 * (end - middle)
-    return whole[WARM_UP:], own[WARM_UP:]
+        end = now()
+        whole[:, k], own[:, k] = end - start, end - middle
+    return whole[:, WARM_UP:], own[:, WARM_UP:]
 
 
 if __name__ == "__main__":
