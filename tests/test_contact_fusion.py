@@ -61,7 +61,7 @@ def test_cost_equals_its_plain_twin(law):
     rng, c, p = np.random.default_rng(0), law.candidates, law.params
     terms, _, r = push(law, law.robot.home, 900)
     x, a = kernels.pose_points(c.link, c.p_L, c.n_L, terms.R_WL, terms.p_WL)
-    cost = kernels.residual_costs(terms.parent, terms.S, c.link, x, a, r, 0.05, 30.0, 0.5, 0.0)
+    cost = sum(kernels.residual_costs(terms.parent, terms.S, c.link, x, a, r, 0.05, 30.0, 0.5, 0.0))
     for k in [int(np.argmin(cost)), *rng.integers(len(cost), size=20)]:
         J = terms.point(int(c.link[k]), c.p_L[k]).Jv_WC
         H = J @ J.T + (0.05 / 30.0) ** 2 * np.eye(3)

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import BOX, CAPSULE, CYLINDER, surface_point
-from saphari_drake.perception import localizer_kernels as kernels
+from saphari_drake.perception import distance_kernels as kernels
 from saphari_drake.perception.contact_localizer import (
     ContactLocalizer,
     ContactVision,

@@ -64,7 +64,7 @@ class ContactFusionLaw:
         """Return the memory without a contact."""
         n, m = self.robot.n, len(self.candidates.link)
         return FusionMemory(
-            np.zeros((0, n, 6)), np.zeros((0, n, 3, 3)), np.zeros((0, n, 3)), np.zeros((0, n)), np.zeros(m), np.zeros(m)
+            np.zeros((0, n, 6)), np.zeros((0, n, 3, 3)), np.zeros((0, n, 3)), np.zeros((0, n)), *np.zeros((3, m))
         )
 
     def felt(self, r: Array) -> bool:
@@ -94,12 +94,13 @@ class ContactFusionLaw:
         points = np.concatenate([np.zeros((0, 3)), *(places[0].human_points for _, places in found)])
         m = len(c.link)
         if not self.felt(r):
-            return Evidence(S, R_WL, p_WL, r, np.zeros(m), np.zeros(m), seen, points, shares)
+            return Evidence(S, R_WL, p_WL, r, *np.zeros((3, m)), seen, points, shares)
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, R_WL, p_WL)
-        residual_cost = kernels.residual_costs(
+        misfit, spread = kernels.residual_costs(
             t.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing
         )
-        return Evidence(S, R_WL, p_WL, r, residual_cost, self._vision_cost(x, a, used, points), seen, points, shares)
+        vision_cost = self._vision_cost(x, a, used, points)
+        return Evidence(S, R_WL, p_WL, r, misfit, spread, vision_cost, seen, points, shares)
 
     def _vision_cost(self, x: Array, a: Array, images: Sequence[Depth | None], points: Array) -> Array:
         p = self.params
@@ -129,7 +130,8 @@ class ContactFusionLaw:
             np.concatenate([memory.R_WL[first:], new.R_WL[None]]),
             np.concatenate([memory.p_WL[first:], new.p_WL[None]]),
             np.concatenate([memory.r[first:], new.r[None]]),
-            old * memory.residual_cost + new.residual_cost,
+            old * memory.misfit + new.misfit,
+            (old * memory.weight * memory.spread + new.spread) / weight,
             (old * memory.weight * memory.vision_cost + new.vision_cost) / weight,
             weight,
             (*memory.seen[first:], new.seen),
@@ -145,7 +147,7 @@ class ContactFusionLaw:
             chosen = [min(seen, key=lambda mode: mode.cost)] if seen else []
             return Fusion(chosen, None, 0.0, self._forces(memory, chosen))
         penalty = p.unseen_cost if seen else 0.0
-        cost = memory.residual_cost + memory.vision_cost + penalty
+        cost = memory.misfit + memory.spread * (1.0 + p.again * (memory.weight - 1.0)) + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost)
         least = min([mode.cost for mode in (*seen, *(mode for _, mode in grid))]) + _HOPELESS
         modes = seen + [
@@ -180,6 +182,7 @@ class ContactFusionLaw:
             normal = smooth_normal(self.robot.shapes, entry.link, anchor)
             away = max(entry.distance - self.params.near, 0.0) / self.params.far
             sigma = self.params.vision_sigma + self.params.width_share * entry.width
+            sigma = self.params.limb_sigma if entry.fitted else sigma
             mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, 0.0, anchor)
             modes.append(self._refined(memory, mode, away**2))
         return modes
@@ -198,7 +201,7 @@ class ContactFusionLaw:
         p_L, n_L, cost = kernels.refine(
             t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, self._inner, s.R_LS, s.p_LS,
             s.link == mode.link, mode.link, mode.p_L, mode.n_L, anchor, mode.sigma,
-            p.torque_sigma, p.force_scale, p.friction, self._steps,
+            p.torque_sigma, p.force_scale, p.friction, p.again, self._steps,
         )  # fmt: skip
         return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior, prior=prior)
 

@@ -51,11 +51,11 @@ def free_cost(parent, S, link, p, r, sigma, force, H, b, F):
 
 @njit(cache=True)
 def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
-    """Return the cost of a contact at p and fill F (3,) with its force (N).
+    """Return misfit and spread of a contact at p, whose sum is its cost, and fill F (3,) with its force (N).
 
-    With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes
-    ‖r − JᵀF‖² / σ² + ‖F‖² / f² inside the friction cone. To that come log det(f² H / σ²), which weighs how exactly F
-    has to be chosen, and what is left open by the point itself lying within `cell` (m) of p on the surface.
+    With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes the misfit
+    ‖r − JᵀF‖² / σ² + ‖F‖² / f² inside the friction cone. The spread log det(f² H / σ²) weighs how exactly F has to be
+    chosen. Both allow for the true point lying within `cell` (m) of p on the surface.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
         Filled with H and J r.
     """
     rr, _, spread = free_cost(parent, S, link, p, r, sigma, force, H, b, F)
-    cost = (rr + cone_minimum(H, b, inward, mu, F)) / (sigma * sigma) + spread
+    misfit = (rr + cone_minimum(H, b, inward, mu, F)) / (sigma * sigma)
     if cell > 0.0:
         t, u, c = np.empty(3), np.empty(3), np.empty(3)
         tangents(inward, t, u)
@@ -91,9 +91,9 @@ def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
             e1 += s1 * e
             j = parent[j]
         inner = d00 * d11 - d01 * d01
-        cost -= (d11 * e0 * e0 - 2.0 * d01 * e0 * e1 + d00 * e1 * e1) / inner / (sigma * sigma)
-        cost += np.log(inner / (k * k))
-    return cost
+        misfit -= (d11 * e0 * e0 - 2.0 * d01 * e0 * e1 + d00 * e1 * e1) / inner / (sigma * sigma)
+        spread += np.log(inner / (k * k))
+    return misfit, spread
 
 
 @njit(cache=True)
@@ -111,19 +111,20 @@ def pose_points(link, p_L, n_L, R_WL, p_WL):
 
 @njit(cache=True)
 def residual_costs(parent, S, link, p, a, r, sigma, force, mu, cell):
-    """Return `touch_cost` of every candidate (m,); a lower bound of it where it is far above the least."""
+    """Return misfit (m,) and spread (m,) of every candidate; a lower bound where their sum is far above the least."""
     m = link.shape[0]
-    cost = np.empty(m)
+    cost, misfit, spread = np.empty(m), np.empty(m), np.empty(m)
     H, b, F = np.empty((3, 3)), np.empty(3), np.empty(3)
     for c in range(m):
-        cost[c] = free_cost(parent, S, link[c], p[c], r, sigma, force, H, b, F)[1]
+        _, cost[c], spread[c] = free_cost(parent, S, link[c], p[c], r, sigma, force, H, b, F)
+        misfit[c] = cost[c] - spread[c]
     bound = cost.min() + _NARROW
     if m > _MOST:
         bound = min(bound, np.partition(cost, _MOST)[_MOST])
     for c in range(m):
         if cost[c] < bound:
-            cost[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, H, b, F)
-    return cost
+            misfit[c], spread[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, H, b, F)
+    return misfit, spread
 
 
 @njit(cache=True)
@@ -191,22 +192,29 @@ def share_free(p, a, depth, R_WC, p_WC, fx, fy, cx, cy, margin, lifts, free):
 
 
 @njit(cache=True)
-def window_cost(parent, S, R_WL, p_WL, r, weight, link, p_L, n_L, sigma, force, mu, F):
-    """Return the weighted sum of a contact's costs over frames (k, …) and fill F (3,) with the newest frame's force."""
-    total = 0.0
+def window_cost(parent, S, R_WL, p_WL, r, weight, link, p_L, n_L, sigma, force, mu, again, F):
+    """Return a contact's cost over frames (k, …) and fill F (3,) with the newest frame's force.
+
+    It is the weighted sum of the misfits, and the mean spread: once, and the share `again` of it for each further frame,
+    because a force that lasts is not chosen anew in each.
+    """
+    total, spreads, weights = 0.0, 0.0, 0.0
     p, a, H, b = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     for f in range(r.shape[0]):
         R, o = R_WL[f, link], p_WL[f, link]
         for i in range(3):
             p[i] = o[i] + R[i, 0] * p_L[0] + R[i, 1] * p_L[1] + R[i, 2] * p_L[2]
             a[i] = -(R[i, 0] * n_L[0] + R[i, 1] * n_L[1] + R[i, 2] * n_L[2])
-        total += weight[f] * touch_cost(parent, S[f], link, p, a, r[f], sigma, force, mu, 0.0, H, b, F)
-    return total
+        misfit, spread = touch_cost(parent, S[f], link, p, a, r[f], sigma, force, mu, 0.0, H, b, F)
+        total += weight[f] * misfit
+        spreads += weight[f] * spread
+        weights += weight[f]
+    return total + spreads / weights * (1.0 + again * (weights - 1.0))
 
 
 @njit(cache=True)
 def refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, own, link, start, normal, anchor,
-           anchor_sigma, sigma, force, mu, steps):  # fmt: skip
+           anchor_sigma, sigma, force, mu, again, steps):  # fmt: skip
     """Move a contact point over its link's surface to where its cost is least, by a pattern search from `start`.
 
     Parameters
@@ -228,7 +236,7 @@ def refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, own,
     F, t, u, trial = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     p, n = start.copy(), normal.copy()
     off = (p[0] - anchor[0]) ** 2 + (p[1] - anchor[1]) ** 2 + (p[2] - anchor[2]) ** 2
-    best = window_cost(parent, S, R_WL, p_WL, r, weight, link, p, n, sigma, force, mu, F) + off / anchor_sigma**2
+    best = window_cost(parent, S, R_WL, p_WL, r, weight, link, p, n, sigma, force, mu, again, F) + off / anchor_sigma**2
     for step in steps:
         for _ in range(2):
             tangents(n, t, u)
@@ -239,7 +247,7 @@ def refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, own,
                     trial[i] = here[i] + side * (t[i] if k % 2 == 0 else u[i])
                 _, _, q, _ = nearest_surface_point(kind, size, R_LS, p_LS, own, trial)
                 _, _, _, m = nearest_surface_point(kind, inner, R_LS, p_LS, own, q)
-                cost = window_cost(parent, S, R_WL, p_WL, r, weight, link, q, m, sigma, force, mu, F)
+                cost = window_cost(parent, S, R_WL, p_WL, r, weight, link, q, m, sigma, force, mu, again, F)
                 cost += ((q[0] - anchor[0]) ** 2 + (q[1] - anchor[1]) ** 2 + (q[2] - anchor[2]) ** 2) / anchor_sigma**2
                 if cost < best:
                     best, p, n, moved = cost, q, m, True

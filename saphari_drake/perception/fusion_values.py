@@ -27,9 +27,11 @@ class FusionParameters:
     rcond: float = 0.02
     # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
     felt: float = 5.0
-    # Deviation of a point that the cameras see (m, > 0): of a fine one, and its growth with the width of what touches.
+    # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches (≥ 0),
+    # and that of a fitted limb (m, > 0).
     vision_sigma: float = 0.003
-    width_share: float = 0.2
+    width_share: float = 0.4
+    limb_sigma: float = 0.006
     # Distance of the person up to which a point is taken as it is, and by which more costs 1 (m, > 0).
     near: float = 0.015
     far: float = 0.010
@@ -47,6 +49,8 @@ class FusionParameters:
     modes: int = 3
     # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
     memory: float = 0.9
+    # Share of a force that is new with each frame (0–1).
+    again: float = 0.2
     frames: int = 8
     # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
     # (N, ≥ 0) comes out, unless one contact costs less by more than this (≥ 0).
@@ -56,7 +60,7 @@ class FusionParameters:
 
     def __post_init__(self) -> None:
         require_positive(
-            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "near", "far",
+            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near", "far",
             "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
             "second_distance",
         )  # fmt: skip
@@ -65,6 +69,8 @@ class FusionParameters:
         )
         if not 0.0 <= self.memory <= 1.0:
             raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
+        if not 0.0 <= self.again <= 1.0:
+            raise ParameterError("again", f"must lie in 0–1, got {self.again}")
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
         if self.free_to <= self.free_from:
@@ -78,7 +84,8 @@ class Evidence(NamedTuple):
     R_WL: Array  # (n, 3, 3)
     p_WL: Array  # (n, 3)
     r: Array  # (n,) residual, Nm
-    residual_cost: Array  # (m,)
+    misfit: Array  # (m,) of the residual
+    spread: Array  # (m,) of the forces that would explain it
     vision_cost: Array  # (m,)
     seen: tuple[Localization, ...]  # places where a camera sees the person within its gate
     human_points: Array  # (k, 3) m, world
@@ -93,7 +100,8 @@ class FusionMemory(Immutable):
     R_WL: Array
     p_WL: Array
     r: Array
-    residual_cost: Array  # (m,) summed with forgetting
+    misfit: Array  # (m,) summed with forgetting
+    spread: Array  # (m,) mean with forgetting
     vision_cost: Array  # (m,) mean with forgetting
     weight: float = 0.0  # sum of the weights of all frames
     seen: tuple[tuple[Localization, ...], ...] = ()

@@ -1,93 +1,29 @@
 """Where a person touches a robot, from one depth image and the posture of the robot when it was taken."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.errors import ParameterError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
 from saphari_drake.math.rotations import skew
-from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception import localizer_kernels as kernels
+from saphari_drake.perception import limb_kernels, nearest_kernels, person_kernels
+from saphari_drake.perception.background import Depth, background_depth
+from saphari_drake.perception.distance_kernels import distances
 from saphari_drake.perception.image_regions import region_of, row_intervals, share_seen
+from saphari_drake.perception.localizer_parameters import LocalizerParameters
 from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
 from saphari_drake.robots.shapes import LinkShapes
 
+__all__ = ["Array", "ContactVision", "Depth", "Localization", "LocalizerParameters", "background_depth"]
+
 Array = NDArray[np.float64]
-Depth = NDArray[np.float32]
 
-
-@dataclass
-class LocalizerParameters:
-    """Numbers of the contact localizer. Distances marked (s) hold at `scale_depth` and grow with the depth squared."""
-
-    # Distance around the robot within which the image is examined (m, > 0).
-    reach: float = 0.12
-    # Distance from the robot beyond which a reading surely is no robot (m, s, > grow_distance).
-    seed_distance: float = 0.020
-    # Distance beyond which a reading within 4 pixels of such a one is none either (m, s, > 0).
-    grow_distance: float = 0.008
-    # Margin before the background within which a reading counts as background (m, s, > 0).
-    background_margin: float = 0.020
-    # Depth at which (s) holds (m, > 0), and the least factor by which a smaller depth shrinks it (0–1).
-    scale_depth: float = 1.7
-    least_scale: float = 0.25
-    # Least number of the person's pixels in a 5 × 5 window (1–25) at depths that differ by less than this (m, s, > 0).
-    support: int = 7
-    support_step: float = 0.03
-    # Least number of the person's pixels in a connected component (≥ 1).
-    component: int = 25
-    # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0), and
-    # how often it is centred anew (≥ 1).
-    rank: int = 6
-    softness: float = 0.005
-    spread: float = 0.05
-    rounds: int = 3
-    # The camera sees the near side of what touches; its middle lies behind by this share (≥ 0) of the deviation of its
-    # points across the view, at least and at most so far (m): what touches is about as thick as it is wide.
-    thickness: float = 1.5
-    least_thickness: float = 0.0065
-    most_thickness: float = 0.019
-    # Distance of the person below which a contact is possible (m, > 0).
-    gate: float = 0.028
-    # Spacing of the person's points that are published (pixels, ≥ 1).
-    points_stride: int = 6
-    # Least share of the robot's visible axis points that must have a reading (0–1) for a frame to be valid.
-    least_seen: float = 0.5
-    # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
-    timeout: float = 0.08
-    # Time constant of the contact point's smoothing over frames (s, > 0).
-    time_constant: float = 0.15
-    # Distance from the smoothed point beyond which a point on the same link starts the smoothing anew (m, > 0).
-    jump: float = 0.04
-    # Frames in a row that must show another link before it is taken while in contact (≥ 1).
-    switch_frames: int = 2
-    # Time over which postures are remembered (s, > 0); a frame that is older when it arrives is not used.
-    memory: float = 0.3
-
-    def __post_init__(self) -> None:
-        require_positive(
-            self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "points_stride",
-            "timeout", "time_constant", "jump", "switch_frames", "memory",
-        )  # fmt: skip
-        require_non_negative(self, "thickness", "least_thickness", "most_thickness")
-        if self.most_thickness < self.least_thickness:
-            raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
-        if self.grow_distance >= self.seed_distance:
-            raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
-        if self.least_scale > 1.0:
-            raise ParameterError("least_scale", f"must not exceed 1, got {self.least_scale}")
-        if self.support > 25:
-            raise ParameterError("support", f"a window has 25 pixels, got {self.support}")
-        if not 0.0 <= self.least_seen <= 1.0:
-            raise ParameterError("least_seen", f"must lie in 0–1, got {self.least_seen}")
-        if self.gate > self.reach:
-            raise ParameterError("gate", f"must not exceed reach ({self.reach} m), got {self.gate}")
+_LIMB_READINGS = 300  # about so many are fitted
 
 
 class Localization(NamedTuple):
@@ -107,6 +43,8 @@ class Localization(NamedTuple):
         The person's points in the world (m).
     width : float
         Deviation across the view (m) of the part of the person that is near the point.
+    fitted : bool
+        Whether the point is where a limb touches that was fitted to the readings; the distance is that of its skin.
     """
 
     link: int
@@ -116,43 +54,7 @@ class Localization(NamedTuple):
     seen: float
     human_points: Array
     width: float = 0.0
-
-
-def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameters | None = None) -> Depth:
-    """Learn the static background of each pixel from frames with the robot in several postures and no person.
-
-    It is the median of the farthest readings that agree, at least two and a tenth of all frames. A pixel without a
-    reading in half of the frames has its background at +inf: whatever appears there is in front of it.
-
-    Parameters
-    ----------
-    frames : (k, height, width) float32 array, or sequence of images
-        Depth (m); 0, NaN and +inf are no reading.
-    """
-    params = params or LocalizerParameters()
-    stack = np.array(frames, dtype=np.float32)
-    if stack.ndim != 3 or len(stack) == 0:
-        raise StateError(f"frames: one or more images are needed, got shape {stack.shape}")
-    stack[~((stack > 0.0) & np.isfinite(stack))] = np.nan
-    count = len(stack)
-    missing = np.isnan(stack).sum(axis=0)
-    stack = -np.sort(-stack, axis=0)  # farthest first, no reading last
-    needed = min(count, max(2, int(np.ceil(0.1 * count))))
-    background = np.full(stack.shape[1:], np.inf, dtype=np.float32)
-    open_ = missing < 0.5 * count
-    for i in range(count):
-        if not open_.any():
-            break
-        top = stack[i][open_]
-        tolerance = 2.0 * params.background_margin * np.maximum((top / params.scale_depth) ** 2, params.least_scale)
-        agree = stack[i:][:, open_] >= top - tolerance
-        size = agree.sum(axis=0)
-        median = np.take_along_axis(stack[i:][:, open_], np.maximum(size - 1, 0)[None] // 2, axis=0)[0]
-        rows, cols = np.nonzero(open_)
-        done = size >= needed
-        background[rows[done], cols[done]] = median[done]
-        open_[rows[done], cols[done]] = False
-    return background
+    fitted: bool = False
 
 
 class ContactVision:
@@ -230,33 +132,55 @@ class ContactVision:
         radius, half, axis = self._bounds
         left, right = row_intervals(radius, half, axis, R_CS, p_CS, p.reach, *self.pinhole, rows, cols)
         region = region_of(left, right)
-        best, owner, weak, strong = kernels.distances(
+        best, owner, weak, strong = distances(
             depth, self.limit, self.x, self.y, shapes.kind, shapes.size, R_CS, p_CS, left, right, region,
             p.seed_distance, p.grow_distance, p.scale_depth, p.least_scale,
         )  # fmt: skip
-        human = kernels.human_mask(
+        human, box = person_kernels.human_mask(
             depth, best, weak, strong, region, p.reach, p.support, p.support_step, p.scale_depth, p.least_scale,
             p.component,
         )  # fmt: skip
         seen = share_seen(depth, half, axis, R_CS, p_CS, *self.pinhole)
-        points = kernels.human_points(depth, self.limit, self.x, self.y, best, human, region, p.reach, p.points_stride)
+        points = person_kernels.human_points(
+            depth, self.limit, self.x, self.y, best, human, region, p.reach, p.points_stride
+        )
         points = points @ R_WC.T + p_WC
-        nobody = Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)
+        readings = person_kernels.person_readings(depth, self.x, self.y, best, owner, human, region, box, p.reach)
         found: list[Localization] = []
         for _ in range(count):
-            link, distance, p_C, extent = kernels.soft_minimum(
-                depth, self.x, self.y, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, best, owner, human, region,
-                p.rank, p.softness, p.spread, int(p.rounds),
+            link, distance, p_C, extent = nearest_kernels.soft_minimum(
+                *readings, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, p.rank, p.softness, p.spread,
+                int(p.rounds),
             )  # fmt: skip
-            if link < 0 or distance > p.reach:
+            if link < 0:
                 break
             link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL, R_WS, p_WS)
-            found.append(Localization(link, distance, p_LC, n_L, seen, points, width))
-            if distance > p.gate:
+            place = Localization(link, distance, p_LC, n_L, seen, points, width)
+            place = self._behind(place, readings[0], p_C, R_CS, p_CS, R_WL, p_WL)
+            found.append(place)
+            if place.distance > p.gate:
                 break
-            if len(found) < count:
-                kernels.clear_near(depth, self.x, self.y, human, region, p_C, apart)
-        return found or [nobody]
+            readings = nearest_kernels.away_from(*readings, p_C, apart)
+        return found or [Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)]
+
+    def _behind(
+        self, place: Localization, readings: Array, p_C: Array, R_CS: Array, p_CS: Array, R_WL: Array, p_WL: Array
+    ) -> Localization:
+        """Return the place where a broad limb touches behind what the camera sees of it, if a limb suits."""
+        p, s = self.params, self.shapes
+        if place.width < p.limb_width or place.distance > p.limb_distance:
+            return place
+        cloud = limb_kernels.readings_around(readings, p_C, p.limb_reach, _LIMB_READINGS)
+        if len(cloud) < p.component:
+            return place
+        c, u, radius, first, last = limb_kernels.fit_limb(cloud)
+        link, p_C, d = limb_kernels.limb_contact(
+            s.kind, s.size, s.link, R_CS, p_CS, c, u, radius, first, last, p.limb_softness
+        )
+        if abs(d - radius) > p.limb_gap:
+            return place
+        p_LC, n_L = self.on_surface(link, R_WL[link].T @ (self._R_WC @ p_C + self._p_WC - p_WL[link]))
+        return place._replace(link=link, distance=max(d - radius, 0.0), p_LC=p_LC, n_L=n_L, fitted=True)
 
     def _touched(
         self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array, R_WS: Array, p_WS: Array

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.geometry import bounding_capsules
-from saphari_drake.perception import localizer_kernels as kernels
+from saphari_drake.perception import distance_kernels as kernels
 from saphari_drake.perception.image_regions import region_of, row_intervals
 from saphari_drake.perception.localization import ContactVision, Depth
 from saphari_drake.robots.dynamics import DynamicsTerms

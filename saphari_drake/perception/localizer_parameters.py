@@ -1,0 +1,84 @@
+"""The numbers of the contact localizer."""
+
+from dataclasses import dataclass
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import require_non_negative, require_positive
+
+
+@dataclass
+class LocalizerParameters:
+    """Numbers of the contact localizer. Distances marked (s) hold at `scale_depth` and grow with the depth squared."""
+
+    # Distance around the robot within which the image is examined (m, > 0).
+    reach: float = 0.12
+    # Distance from the robot beyond which a reading surely is no robot (m, s, > grow_distance).
+    seed_distance: float = 0.020
+    # Distance beyond which a reading within 4 pixels of such a one is none either (m, s, > 0).
+    grow_distance: float = 0.008
+    # Margin before the background within which a reading counts as background (m, s, > 0).
+    background_margin: float = 0.020
+    # Depth at which (s) holds (m, > 0), and the least factor by which a smaller depth shrinks it (0–1).
+    scale_depth: float = 1.7
+    least_scale: float = 0.25
+    # Least number of the person's pixels in a 5 × 5 window (1–25) at depths that differ by less than this (m, s, > 0).
+    support: int = 7
+    support_step: float = 0.03
+    # Least number of the person's pixels in a connected component (≥ 1).
+    component: int = 25
+    # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0), and
+    # how often it is centred anew (≥ 1).
+    rank: int = 6
+    softness: float = 0.005
+    spread: float = 0.05
+    rounds: int = 3
+    # The camera sees the near side of what touches; its middle lies behind by this share (≥ 0) of the deviation of its
+    # points across the view, at least and at most so far (m): what touches is about as thick as it is wide.
+    thickness: float = 1.5
+    least_thickness: float = 0.0065
+    most_thickness: float = 0.019
+    # What deviates across the view by more than this is a limb (m, > 0), fitted to the readings within this distance of
+    # its nearest place (m, > 0). The fit counts if limb and robot touch within this (m, > 0), and is tried if the
+    # nearest reading is no farther than this (m, > 0). Softness of a limb (m, > 0).
+    limb_width: float = 0.009
+    limb_reach: float = 0.12
+    limb_gap: float = 0.005
+    limb_distance: float = 0.08
+    limb_softness: float = 0.003
+    # Distance of the person below which a contact is possible (m, > 0).
+    gate: float = 0.028
+    # Spacing of the person's points that are published (pixels, ≥ 1).
+    points_stride: int = 6
+    # Least share of the robot's visible axis points that must have a reading (0–1) for a frame to be valid.
+    least_seen: float = 0.5
+    # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
+    timeout: float = 0.08
+    # Time constant of the contact point's smoothing over frames (s, > 0).
+    time_constant: float = 0.15
+    # Distance from the smoothed point beyond which a point on the same link starts the smoothing anew (m, > 0).
+    jump: float = 0.04
+    # Frames in a row that must show another link before it is taken while in contact (≥ 1).
+    switch_frames: int = 2
+    # Time over which postures are remembered (s, > 0); a frame that is older when it arrives is not used.
+    memory: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
+            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "limb_width",
+            "limb_reach", "limb_gap", "limb_distance", "limb_softness", "points_stride",
+            "timeout", "time_constant", "jump", "switch_frames", "memory",
+        )  # fmt: skip
+        require_non_negative(self, "thickness", "least_thickness", "most_thickness")
+        if self.most_thickness < self.least_thickness:
+            raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
+        if self.grow_distance >= self.seed_distance:
+            raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
+        if self.least_scale > 1.0:
+            raise ParameterError("least_scale", f"must not exceed 1, got {self.least_scale}")
+        if self.support > 25:
+            raise ParameterError("support", f"a window has 25 pixels, got {self.support}")
+        if not 0.0 <= self.least_seen <= 1.0:
+            raise ParameterError("least_seen", f"must lie in 0–1, got {self.least_seen}")
+        if self.gate > self.reach:
+            raise ParameterError("gate", f"must not exceed reach ({self.reach} m), got {self.gate}")
