@@ -1,0 +1,209 @@
+"""Distance constraints (22) of a horizon that can become active, with their linearization.
+
+Between two samples a point moves relative to an obstacle from a to b. On the chord the distance is smallest at
+s* = −a·(b − a)/‖b − a‖², clipped to [0, 1], and the path of constant joint velocities leaves the chord by at most
+e = max ‖p̈‖ T_s²/8 (the error of linear interpolation). With m = a + s*(b − a), z = ‖m‖² − (d_min + e)² ≥ 0 therefore
+keeps the distance at or above d_min at every instant, for obstacles of constant velocity, and
+dz = 2 m·((1 − s*) da + s* db), as s* minimizes. Samples alone (s* = 1, e = 0) would let it fall to
+√(d_min² − (vT_s/2)²) on the way.
+
+**Rows that are left out cannot become active.** All q within the velocity and position limits have
+|q_k − q_0| ≤ k T_s v_max, so that a step δ that keeps them stays in the box B_k = [lo − q̄_k, hi − q̄_k]. There
+‖J_ik δ_k‖ ≤ ρ_ik = Σ_j ‖J_ikj‖ max(|lo_j − q̄_kj|, |hi_j − q̄_kj|), hence
+z + dz ≥ z − 2‖m‖((1 − s*)ρ_i,k−1 + s*ρ_ik). Where that is positive, the row is positive for every step that the limits
+allow, and the solution of the quadratic program without it is the solution with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from saphari_drake.math.nmpc_kernel import CURVATURE_FACTOR, PAD, Rows
+
+
+@njit(cache=True)
+def reachable(data, q0, k):
+    """Return lower and upper bounds (n,) of q_k that velocity and position limits leave when starting from `q0`.
+
+    Where q0 is outside its limits already, it need not jump back.
+    """
+    reach = k * data.period * data.v_max
+    low, high = np.empty_like(q0), np.empty_like(q0)
+    for j in range(q0.shape[0]):
+        low[j] = max(min(data.q_min[j], q0[j]), q0[j] - reach[j])
+        high[j] = min(max(data.q_max[j], q0[j]), q0[j] + reach[j])
+    return low, high
+
+
+@njit(cache=True)
+def sagitta(data, q_a, q_b, J, link):
+    """Return how far (m) a point leaves the chord between q_a and q_b; J (n, 3) is its Jacobian at q_b.
+
+    p̈ = Σ_ij (ω_i × J_j) q̇_i q̇_j over i ≤ j with i revolute, those with i < j twice.
+    """
+    turning, total = 0.0, 0.0
+    for a in range(data.depth[link]):
+        j = data.chain[link, a]
+        step = abs(q_b[j] - q_a[j])
+        length = np.sqrt(J[j, 0] ** 2 + J[j, 1] ** 2 + J[j, 2] ** 2)
+        total += length * step * (2.0 * turning + (step if data.revolute[j] else 0.0))
+        if data.revolute[j]:
+            turning += step
+    return CURVATURE_FACTOR * total / 8.0
+
+
+@njit(cache=True)
+def closest_on_chord(a, b):
+    """Return s* and the point a + s*(b − a) that is nearest to the origin, for (3,) arrays."""
+    u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    length2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+    s = 1.0
+    if length2 > 1e-18:
+        s = min(max(-(a[0] * u[0] + a[1] * u[1] + a[2] * u[2]) / length2, 0.0), 1.0)
+    return s, (a[0] + s * u[0], a[1] + s * u[1], a[2] + s * u[2])
+
+
+@njit(cache=True)
+def travel(data, q0, Q, J):
+    """Return ρ (N + 1, points), how far (m) the linearization can move each point at each stage."""
+    N, n = Q.shape
+    points = data.link_C.shape[0]
+    rho = np.zeros((N + 1, points))
+    for k in range(1, N + 1):
+        low, high = reachable(data, q0, k)
+        for i in range(points):
+            for j in range(n):
+                length = np.sqrt(J[k, i, j, 0] ** 2 + J[k, i, j, 1] ** 2 + J[k, i, j, 2] ** 2)
+                rho[k, i] += length * max(abs(low[j] - Q[k - 1, j]), abs(high[j] - Q[k - 1, j]))
+    return rho
+
+
+@njit(cache=True)
+def minimum_distances(data, q0, Q, J, i, k):
+    """Return the distance (m) that row (k, i) has to keep, obstacle radius apart."""
+    if not data.swept:
+        return data.d_min[i]
+    q_a = Q[k - 2] if k > 1 else q0
+    return data.d_min[i] + PAD + sagitta(data, q_a, Q[k - 1], J[k, i], data.link_C[i])
+
+
+@njit(cache=True)
+def distance_rows(data, q0, Q, P, J, p_WO, radius, everything):
+    """Return the linearised rows (22) that can become active, or all of them if `everything`.
+
+    Parameters
+    ----------
+    data, q0, Q, p_WO, radius
+        As in `nmpc_kernel.evaluate`.
+    P, J : (N + 1, points, 3) and (N + 1, points, n, 3) arrays
+        Points and Jacobians that it returns.
+    """
+    N, n = Q.shape
+    points, m = data.link_C.shape[0], radius.shape[0]
+    capacity = N * points * m if everything else min(N * points * m, 128)
+    index = np.empty((capacity, 3), np.int64)
+    z = np.empty(capacity)
+    A, B = np.zeros((capacity, n)), np.zeros((capacity, n))
+    rho = travel(data, q0, Q, J)
+    a, b = np.empty(3), np.empty(3)
+    count = 0
+    if data.rows_on:
+        for k in range(1, N + 1):
+            for i in range(points):
+                d_i = minimum_distances(data, q0, Q, J, i, k)
+                for o in range(m):
+                    for r in range(3):
+                        a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
+                        b[r] = P[k, i, r] - p_WO[k, o, r]
+                    s, near = 1.0, (b[0], b[1], b[2])
+                    if data.swept:
+                        s, near = closest_on_chord(a, b)
+                    d2 = near[0] ** 2 + near[1] ** 2 + near[2] ** 2
+                    d = d_i + radius[o]
+                    value = d2 - d * d
+                    reach = 2.0 * np.sqrt(d2) * ((1.0 - s) * rho[k - 1, i] + s * rho[k, i])
+                    if not everything and (value > reach or reach == 0.0):
+                        continue
+                    if count == capacity:
+                        capacity = 2 * capacity
+                        index, z, A, B = grow(index, z, A, B, capacity)
+                    index[count, 0], index[count, 1], index[count, 2] = k, i, o
+                    z[count] = value
+                    for j in range(n):
+                        B[count, j] = (
+                            2.0 * s * (near[0] * J[k, i, j, 0] + near[1] * J[k, i, j, 1] + near[2] * J[k, i, j, 2])
+                        )
+                        if k > 1 and s < 1.0:
+                            A[count, j] = (
+                                2.0
+                                * (1.0 - s)
+                                * (
+                                    near[0] * J[k - 1, i, j, 0]
+                                    + near[1] * J[k - 1, i, j, 1]
+                                    + near[2] * J[k - 1, i, j, 2]
+                                )
+                            )
+                    count += 1
+    return Rows(index[:count, 0], index[:count, 1], index[:count, 2], z[:count], A[:count], B[:count])
+
+
+@njit(cache=True)
+def grow(index, z, A, B, capacity):
+    """Return the same arrays with room for `capacity` rows."""
+    n, count = A.shape[1], z.shape[0]
+    index_, z_ = np.empty((capacity, 3), np.int64), np.empty(capacity)
+    A_, B_ = np.zeros((capacity, n)), np.zeros((capacity, n))
+    index_[:count], z_[:count], A_[:count], B_[:count] = index, z, A, B
+    return index_, z_, A_, B_
+
+
+@njit(cache=True)
+def violation(data, q0, Q, P, J_needed, p_WO, radius):
+    """Return Σ max(0, −z) and the smallest z over all rows (22); `J_needed` (points, n, 3) bounds the sagitta."""
+    N = Q.shape[0]
+    points, m = data.link_C.shape[0], radius.shape[0]
+    total, smallest = 0.0, np.inf
+    if not data.rows_on:
+        return total, smallest
+    a, b = np.empty(3), np.empty(3)
+    for k in range(1, N + 1):
+        for i in range(points):
+            d_i = minimum_distances(data, q0, Q, J_needed, i, k)
+            for o in range(m):
+                for r in range(3):
+                    a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
+                    b[r] = P[k, i, r] - p_WO[k, o, r]
+                near = (b[0], b[1], b[2])
+                if data.swept:
+                    near = closest_on_chord(a, b)[1]
+                d = d_i + radius[o]
+                value = near[0] ** 2 + near[1] ** 2 + near[2] ** 2 - d * d
+                smallest = min(smallest, value)
+                total += max(0.0, -value)
+    return total, smallest
+
+
+@njit(cache=True)
+def slip_rows(data, q0, Q):
+    """Return the equalities −Δx sin θ̄ + Δy cos θ̄ = 0, θ̄ = (θ_{k−1} + θ_k)/2, of a platform that cannot slip.
+
+    A platform that drives with constant speed and turning rate goes along an arc, whose chord has the direction θ̄:
+    the condition −ẋ sin θ + ẏ cos θ = 0 then holds at every instant between the samples, not at the samples alone.
+    """
+    N, n = Q.shape
+    count = N if data.base.shape[0] == 3 else 0
+    index = np.zeros((count, 3), np.int64)
+    z, A, B = np.zeros(count), np.zeros((count, n)), np.zeros((count, n))
+    for k in range(1, count + 1):
+        x, y, t = data.base[0], data.base[1], data.base[2]
+        before = Q[k - 2] if k > 1 else q0
+        dx, dy = Q[k - 1, x] - before[x], Q[k - 1, y] - before[y]
+        angle = 0.5 * (Q[k - 1, t] + before[t])
+        s, c = np.sin(angle), np.cos(angle)
+        index[k - 1, 0] = k
+        z[k - 1] = -dx * s + dy * c
+        turn = 0.5 * (-dx * c - dy * s)
+        B[k - 1, x], B[k - 1, y], B[k - 1, t] = -s, c, turn
+        A[k - 1, x], A[k - 1, y], A[k - 1, t] = s, -c, turn
+    return Rows(index[:, 0], index[:, 1], index[:, 2], z, A, B)

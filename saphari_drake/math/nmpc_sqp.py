@@ -1,0 +1,191 @@
+"""The pieces of a sequential quadratic program over a horizon: linearization, factorization, merit and line search."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from saphari_drake.math.nmpc_kernel import evaluate
+from saphari_drake.math.nmpc_rows import Rows, distance_rows, slip_rows, violation
+
+# Share of the Gauss–Newton diagonal that a pivot of the factorization keeps at least.
+_PIVOT_SHARE = 0.05
+# Of the line search.
+_ARMIJO = 1.0e-4
+_SMALLEST_STEP = 1.0e-3
+
+
+class Scene(NamedTuple):
+    """What one control step is given."""
+
+    q0: NDArray[np.float64]  # (n,)
+    R_ref: NDArray[np.float64]  # (N + 1, 3, 3)
+    p_ref: NDArray[np.float64]  # (N + 1, 3)
+    p_WO: NDArray[np.float64]  # (N + 1, m, 3)
+    radius: NDArray[np.float64]  # (m,)
+
+
+class Subproblem(NamedTuple):
+    """The quadratic program at one iterate: minimize gᵀδ + ½ δᵀHδ within bounds and rows.
+
+    H has the diagonal blocks L L_kᵀ + L_{k,k−1} L_{k,k−1}ᵀ of its factor and −2Q_v/T_s² beside them.
+    """
+
+    f: float
+    g: NDArray[np.float64]  # (N, n)
+    H: NDArray[np.float64]  # (N, n, n), diagonal blocks, made positive definite
+    L: NDArray[np.float64]  # (N, n, n), lower triangular
+    B: NDArray[np.float64]  # (N, n, n), L_{k,k−1}; the first is zero
+    low: NDArray[np.float64]  # (N, n), bounds of δ
+    high: NDArray[np.float64]
+    v_low: NDArray[np.float64]  # (N, n), bounds of δ_k − δ_{k−1}
+    v_high: NDArray[np.float64]
+    rows: Rows
+    slip: Rows
+    excess: float  # Σ max(0, −z) over all rows, and Σ |slip|
+
+
+@njit(cache=True)
+def factorize(H, off, share, L, B):
+    """Factorize the block tridiagonal H (diagonal blocks, and −diag(off) beside them); raise pivots that are too small.
+
+    What is added to the diagonal to that end is added to `H` as well. A pivot keeps at least share·off.
+    """
+    N, n = H.shape[0], H.shape[1]
+    for k in range(N):
+        A = L[k]
+        for i in range(n):
+            for j in range(i + 1):
+                A[i, j] = H[k, i, j]
+            for j in range(i + 1, n):
+                A[i, j] = 0.0
+        if k > 0:
+            # B = −diag(off) L_{k−1}⁻ᵀ, whose row i starts at column i.
+            before, C = L[k - 1], B[k]
+            for i in range(n):
+                for j in range(i):
+                    C[i, j] = 0.0
+                C[i, i] = -off[i] / before[i, i]
+                for j in range(i + 1, n):
+                    total = 0.0
+                    for l in range(i, j):
+                        total -= before[j, l] * C[i, l]
+                    C[i, j] = total / before[j, j]
+            for i in range(n):
+                for j in range(i + 1):
+                    total = 0.0
+                    for l in range(i, n):
+                        total += C[i, l] * C[j, l]
+                    A[i, j] -= total
+        for j in range(n):
+            pivot = A[j, j]
+            for l in range(j):
+                pivot -= A[j, l] * A[j, l]
+            least = share * off[j]
+            if not pivot > least:
+                H[k, j, j] += least - pivot
+                pivot = least
+            root = np.sqrt(pivot)
+            A[j, j] = root
+            for i in range(j + 1, n):
+                total = A[i, j]
+                for l in range(j):
+                    total -= A[i, l] * A[j, l]
+                A[i, j] = total / root
+
+
+@njit(cache=True)
+def linearize(data, scene, Q, weight, pull, exact):
+    """Return the `Subproblem` at iterate Q (N, n); `weight` and `pull` as in `evaluate`."""
+    N, n = Q.shape
+    f, g, H, P, J = evaluate(
+        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, weight, pull, exact, True
+    )
+    L, B = np.empty((N, n, n)), np.zeros((N, n, n))
+    off = 2.0 / data.period**2 * data.Q_v
+    factorize(H, off, _PIVOT_SHARE, L, B)
+    rows = distance_rows(data, scene.q0, Q, P, J, scene.p_WO, scene.radius, False)
+    slip = slip_rows(data, scene.q0, Q)
+    low, high = np.empty((N, n)), np.empty((N, n))
+    v_low, v_high = np.empty((N, n)), np.empty((N, n))
+    for k in range(N):
+        for j in range(n):
+            step = Q[k, j] - (Q[k - 1, j] if k > 0 else scene.q0[j])
+            low[k, j] = min(data.q_min[j], scene.q0[j]) - Q[k, j]
+            high[k, j] = max(data.q_max[j], scene.q0[j]) - Q[k, j]
+            v_low[k, j] = -data.period * data.v_max[j] - step
+            v_high[k, j] = data.period * data.v_max[j] - step
+    excess = 0.0
+    for z in rows.z:
+        excess += max(0.0, -z)
+    for z in slip.z:
+        excess += abs(z)
+    return Subproblem(f, g, H, L, B, low, high, v_low, v_high, rows, slip, excess)
+
+
+@njit(cache=True)
+def merit(data, scene, Q):
+    """Return cost and constraint violation Σ max(0, −z) + Σ |slip| of an iterate."""
+    N, points = Q.shape[0], data.link_C.shape[0]
+    none, no_pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
+    f, _, _, P, J = evaluate(
+        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, none, no_pull, False, data.swept
+    )
+    excess = violation(data, scene.q0, Q, P, J, scene.p_WO, scene.radius)[0]
+    for z in slip_rows(data, scene.q0, Q).z:
+        excess += abs(z)
+    return f, excess
+
+
+@njit(cache=True)
+def search(data, scene, Q, qp, delta, penalty):
+    """Return the iterate Q + α δ with the largest α = 1, ½, ¼ … that lowers cost + penalty·violation enough."""
+    slope = 0.0
+    for k in range(Q.shape[0]):
+        for j in range(Q.shape[1]):
+            slope += qp.g[k, j] * delta[k, j]
+    slope -= penalty * qp.excess
+    start = qp.f + penalty * qp.excess
+    alpha = 1.0
+    while True:
+        trial = Q + alpha * delta
+        f, excess = merit(data, scene, trial)
+        if f + penalty * excess <= start + _ARMIJO * alpha * min(slope, 0.0) + 1e-12 * abs(start):
+            return trial, alpha
+        alpha *= 0.5
+        if alpha < _SMALLEST_STEP:
+            return trial, alpha
+
+
+@njit(cache=True)
+def curvature(data, scene, rows, multipliers):
+    """Return `weight` and `pull` of `evaluate` from the multipliers (rows,) of the distance rows."""
+    N = scene.p_WO.shape[0] - 1
+    points = data.link_C.shape[0]
+    weight, pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
+    if not data.swept:
+        for r in range(multipliers.shape[0]):
+            if multipliers[r] > 0.0:
+                k, i, o = rows.stage[r], rows.point[r], rows.obstacle[r]
+                weight[k, i] += multipliers[r]
+                for c in range(3):
+                    pull[k, i, c] += multipliers[r] * scene.p_WO[k, o, c]
+    return weight, pull
+
+
+@njit(cache=True)
+def feasible_start(data, q0, Q):
+    """Return Q (N, n) moved into velocity and position limits, stage by stage from q0."""
+    out = np.empty_like(Q)
+    before = q0
+    for k in range(Q.shape[0]):
+        for j in range(Q.shape[1]):
+            reach = data.period * data.v_max[j]
+            low = max(min(data.q_min[j], q0[j]), before[j] - reach)
+            high = min(max(data.q_max[j], q0[j]), before[j] + reach)
+            out[k, j] = min(max(Q[k, j], low), high)
+        before = out[k]
+    return out
