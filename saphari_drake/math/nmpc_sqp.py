@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from saphari_drake.math.nmpc_kernel import evaluate
+from saphari_drake.math.nmpc_qp import solve_qp
 from saphari_drake.math.nmpc_rows import Rows, distance_rows, slip_rows, violation
 
 # Share of the Gauss–Newton diagonal that a pivot of the factorization keeps at least.
@@ -141,13 +142,16 @@ def merit(data, scene, Q):
 
 
 @njit(cache=True)
-def search(data, scene, Q, qp, delta, penalty):
-    """Return the iterate Q + α δ with the largest α = 1, ½, ¼ … that lowers cost + penalty·violation enough."""
+def search(data, scene, Q, qp, delta, penalty, left):
+    """Return the iterate Q + α δ with the largest α = 1, ½, ¼ … that lowers cost + penalty·violation enough.
+
+    `left` is the violation that the quadratic program could not remove.
+    """
     slope = 0.0
     for k in range(Q.shape[0]):
         for j in range(Q.shape[1]):
             slope += qp.g[k, j] * delta[k, j]
-    slope -= penalty * qp.excess
+    slope -= penalty * max(qp.excess - left, 0.0)
     start = qp.f + penalty * qp.excess
     alpha = 1.0
     while True:
@@ -189,3 +193,72 @@ def feasible_start(data, q0, Q):
             out[k, j] = min(max(Q[k, j], low), high)
         before = out[k]
     return out
+
+
+@njit(cache=True)
+def slack_length(data, scene, rows, slack):
+    """Return the largest slack (m²) of the distance rows as the length (m) by which a distance falls short."""
+    longest = 0.0
+    for r in range(slack.shape[0]):
+        d = data.d_min[rows.point[r]] + scene.radius[rows.obstacle[r]]
+        longest = max(longest, d - np.sqrt(max(d * d - slack[r], 0.0)))
+    return longest
+
+
+@njit(cache=True)
+def solve_sqp(data, scene, guess, iterations, tolerance, price, exact):
+    """Run the SQP with the active-set solver.
+
+    Parameters
+    ----------
+    data : HorizonData
+    scene : Scene
+    guess : (N, n) array
+    iterations : int
+        Most QPs to solve.
+    tolerance : float
+        Largest entry of the last step (rad or m).
+    price : float
+        Of 1 m² of slack.
+    exact : bool
+        Exact Hessian of the Lagrangian.
+
+    Returns
+    -------
+    Q : (N, n) array
+    count : int
+        QPs solved.
+    converged, ok : bool
+        `ok` is False if a QP had no solution.
+    slack : float
+        Of the last QP (m).
+    """
+    N, points = guess.shape[0], data.link_C.shape[0]
+    Q = feasible_start(data, scene.q0, guess)
+    weight, pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
+    active = np.zeros(0, np.int64)
+    penalty, slack = 0.0, 0.0
+    for count in range(1, iterations + 1):
+        qp = linearize(data, scene, Q, weight, pull, exact)
+        delta, multipliers, slacks, largest, ok, active_rows, _ = solve_qp(qp, price, active)
+        if not ok:
+            return Q, count, False, False, slack
+        slack = slack_length(data, scene, qp.rows, slacks)
+        if np.max(np.abs(delta)) <= tolerance:
+            return Q + delta, count, True, True, slack
+        penalty = max(penalty, min(2.0 * largest, price))
+        Q, _ = search(data, scene, Q, qp, delta, penalty, np.sum(slacks))
+        weight, pull = curvature(data, scene, qp.rows, multipliers)
+        active = hard_limits(active_rows, 4 * N * guess.shape[1])
+    return Q, iterations, False, True, slack
+
+
+@njit(cache=True)
+def hard_limits(active, first_row):
+    """Return the active constraints that are limits; the others have other indices at the next iterate."""
+    out, count = np.empty_like(active), 0
+    for index in active:
+        if index < first_row:
+            out[count] = index
+            count += 1
+    return out[:count]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-import daqp
 import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.control.nmpc.qp_solvers import make_qp_solver
 from saphari_drake.control.nmpc.program import build_program, solve_program
 from saphari_drake.math import nmpc_sqp
-from saphari_drake.math.nmpc_sqp import Scene, Subproblem
+from saphari_drake.math.nmpc_sqp import Scene
 from saphari_drake.port_values import NmpcStatus
 
 Array = NDArray[np.float64]
@@ -66,57 +66,36 @@ def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | No
     p, data = problem.params, problem.data
     if iterations is None:
         iterations = 1 if p.mode == "real_time" else p.max_iterations
-    Q = nmpc_sqp.feasible_start(data, scene.q0, guess)
-    status, count = NmpcStatus.UNCONVERGED, 0
     if p.solver != "sqp":
-        Q, ok = solve_program(build_program(problem, *scene), Q, p.solver)
-        status = NmpcStatus.SOLVED if ok else NmpcStatus.UNCONVERGED
+        Q = nmpc_sqp.feasible_start(data, scene.q0, guess)
+        Q, converged = solve_program(build_program(problem, *scene), Q, p.solver)
+        count, slack = 0, 0.0
+    elif p.qp_solver == "active_set":
+        Q, count, converged, _, slack = nmpc_sqp.solve_sqp(
+            data, scene, guess, iterations, p.tolerance, p.slack_penalty, p.exact_hessian and iterations > 1
+        )
     else:
-        weight, pull = np.zeros((problem.N + 1, len(data.c))), np.zeros((problem.N + 1, len(data.c), 3))
-        penalty = 0.0
-        while count < iterations:
-            qp = nmpc_sqp.linearize(data, scene, Q, weight, pull, p.exact_hessian)
-            delta, multipliers, largest = solve_daqp(qp, data.Q_v * (2.0 / data.period**2), p.slack_penalty)
-            count += 1
-            if np.max(np.abs(delta)) <= p.tolerance:
-                Q, status = Q + delta, NmpcStatus.SOLVED
-                break
-            penalty = max(penalty, min(2.0 * largest, p.slack_penalty))
-            Q, _ = nmpc_sqp.search(data, scene, Q, qp, delta, penalty)
-            weight, pull = nmpc_sqp.curvature(data, scene, qp.rows, multipliers)
-        if p.mode == "real_time" and count == 1:
-            status = NmpcStatus.REAL_TIME
-    return NmpcSolution(Q, (Q[0] - scene.q0) / p.period, status, count, 0.0, time.perf_counter() - start)
+        Q, count, converged, slack = _solve_with(problem, scene, guess, iterations)
+    status = NmpcStatus.SOLVED if converged else NmpcStatus.UNCONVERGED
+    if iterations == 1 and p.solver == "sqp" and not converged:
+        status = NmpcStatus.REAL_TIME
+    return NmpcSolution(Q, (Q[0] - scene.q0) / p.period, status, count, slack, time.perf_counter() - start)
 
 
-def solve_daqp(qp: Subproblem, off: Array, penalty: float) -> tuple[Array, Array, float]:
-    """Return δ (N, n), multipliers of the distance rows, and the largest multiplier of a nonlinear row, by DAQP."""
-    N, n = qp.g.shape
-    m, s = len(qp.rows.z), len(qp.slip.z)
-    H = np.zeros((N, n, N, n))
-    for k in range(N):
-        H[k, :, k, :] = qp.H[k]
-        if k > 0:
-            H[k, :, k - 1, :] = H[k - 1, :, k, :] = -np.diag(off)
-    size = N * n
-    A = np.zeros((size + m + s, size))
-    for k in range(N):
-        for j in range(n):
-            A[k * n + j, k * n + j] = 1.0
-            if k > 0:
-                A[k * n + j, (k - 1) * n + j] = -1.0
-    for base, rows in ((size, qp.rows), (size + m, qp.slip)):
-        for r, k in enumerate(rows.stage):
-            A[base + r, (k - 1) * n : k * n] = rows.b[r]
-            if k > 1:
-                A[base + r, (k - 2) * n : (k - 1) * n] = rows.a[r]
-    upper = np.concatenate([qp.high.ravel(), qp.v_high.ravel(), np.full(m, 1e30), -qp.slip.z])
-    lower = np.concatenate([qp.low.ravel(), qp.v_low.ravel(), -qp.rows.z, -qp.slip.z])
-    sense = np.zeros(len(upper), dtype=np.int32)
-    sense[2 * size : 2 * size + m] = 8
-    sense[2 * size + m :] = 5
-    x, _, _, info = daqp.solve(
-        H.reshape(size, size), qp.g.ravel(), A, np.minimum(upper, 1e30), np.maximum(lower, -1e30), sense
-    )
-    lam = np.abs(info["lam"])[2 * size :]
-    return x.reshape(N, n), lam[:m], float(lam.max(initial=0.0))
+def _solve_with(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int) -> tuple[Array, int, bool, float]:
+    """Run the loop of `nmpc_sqp.solve_sqp` with another QP solver; return Q, QPs solved, converged, and slack (m)."""
+    p, data = problem.params, problem.data
+    qp_solver = make_qp_solver(p.qp_solver, problem)
+    Q = nmpc_sqp.feasible_start(data, scene.q0, guess)
+    weight, pull = np.zeros((problem.N + 1, len(data.c))), np.zeros((problem.N + 1, len(data.c), 3))
+    penalty, slack = 0.0, 0.0
+    for count in range(1, iterations + 1):
+        qp = nmpc_sqp.linearize(data, scene, Q, weight, pull, p.exact_hessian and iterations > 1)
+        delta, multipliers, slacks, largest = qp_solver(qp)
+        slack = nmpc_sqp.slack_length(data, scene, qp.rows, slacks)
+        if np.max(np.abs(delta)) <= p.tolerance:
+            return Q + delta, count, True, slack
+        penalty = max(penalty, min(2.0 * largest, p.slack_penalty))
+        Q, _ = nmpc_sqp.search(data, scene, Q, qp, delta, penalty, float(np.sum(slacks)))
+        weight, pull = nmpc_sqp.curvature(data, scene, qp.rows, multipliers)
+    return Q, iterations, False, slack
