@@ -73,6 +73,7 @@ class HandGuidingController(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         start = self._guiding.start(terms, fresh=True)
         first = self._guiding.step(start, terms, SkinReading(), np.zeros(6))
+        self._guiding.compile()
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._skin = self.DeclareAbstractInputPort("skin", AbstractValue.Make(SkinReading()))
         self._wrench = self.DeclareVectorInputPort("wrench_measured", BasicVector(6))

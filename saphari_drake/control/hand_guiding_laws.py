@@ -182,46 +182,62 @@ def confine(v, p, centre, radius, time):
 
 
 @njit(cache=True)
-def limit_joint_velocity(v, N_1, low, high):
+def limit_joint_velocity(v, J, low, high, threshold):
     """Return a joint velocity within bounds, and whether it had to be changed.
 
-    Motion that leaves the main point alone, N_1 v, is shortened first. If that is not enough, all motion is, which
-    keeps the direction of both points.
+    Joints beyond their bounds are held there, one after the other, and the rest moves so that the main point goes on as
+    asked for, and the second one as far as possible. Where that cannot be, all motion is shortened, which keeps the
+    direction of both points. Continuous in v and in the bounds as long as the main point goes on.
 
     Parameters
     ----------
     v : (n,) array
         Velocity asked for.
-    N_1 : (n, n) array
-        Null-space projector of the main point.
+    J : (k, 3, n) array
+        Jacobians of the main and the second point, k from 0 to 2.
     low, high : (n,) arrays
         Bounds, low ≤ 0 ≤ high.
+    threshold : float
+        Singular values below this are damped.
     """
-    n = len(v)
+    k, n = J.shape[0], len(v)
     inside = True
     for j in range(n):
         inside = inside and low[j] <= v[j] <= high[j]
     if inside:
         return v, False
-    below = apply(N_1, v)
-    main = v - below
-    least, most = 0.0, 1.0
+    free, following = np.ones(n), v.copy()
+    for _ in range(n if k > 0 else 0):
+        worst, joint = 0.0, -1
+        for j in range(n):
+            excess = max(following[j] - high[j], low[j] - following[j])
+            if free[j] == 1.0 and excess > worst + 1e-12:
+                worst, joint = excess, j
+        if joint < 0:
+            break
+        free[joint] = 0.0
+        for j in range(n):
+            following[j] = v[j] if free[j] == 1.0 else min(max(v[j], low[j]), high[j])
+        N = np.diag(free)
+        for i in range(k):
+            J_free = product(J[i], N)
+            J_inv, _, _, _ = task_inverse(J_free, threshold)
+            following += apply(J_inv, apply(J[i], v - following))
+            N = N - product(J_inv, J_free)
+    lag = 1.0
+    if k > 0:
+        lag = norm(apply(J[0], v - following))
     for j in range(n):
-        if below[j] > 0.0:
-            least, most = max(least, (low[j] - main[j]) / below[j]), min(most, (high[j] - main[j]) / below[j])
-        elif below[j] < 0.0:
-            least, most = max(least, (high[j] - main[j]) / below[j]), min(most, (low[j] - main[j]) / below[j])
-        elif main[j] < low[j] or main[j] > high[j]:
-            most = -1.0
-    if most >= least:
-        return np.minimum(np.maximum(main + most * below, low), high), True
-    share = 1.0
-    for j in range(n):
-        if v[j] > high[j]:
-            share = min(share, high[j] / v[j])
-        elif v[j] < low[j]:
-            share = min(share, low[j] / v[j])
-    return np.minimum(np.maximum(share * v, low), high), True
+        lag += max(following[j] - high[j] - 1e-9, 0.0) + max(low[j] - following[j] - 1e-9, 0.0)
+    if lag > 1e-6:
+        share = 1.0
+        for j in range(n):
+            if v[j] > high[j]:
+                share = min(share, high[j] / v[j])
+            elif v[j] < low[j]:
+                share = min(share, low[j] / v[j])
+        following = share * v
+    return np.minimum(np.maximum(following, low), high), True
 
 
 def velocity_bounds(q: Array, q_min: Array, q_max: Array, v_max: Array, time: float) -> tuple[Array, Array]:

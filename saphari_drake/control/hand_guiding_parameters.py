@@ -62,6 +62,8 @@ class HandGuidingParameters:
     null_damping: float = 6.0
     hold_damping: float = 6.0
     fault_damping: float = 20.0
+    # s; how long a force must stay below `touch_off` for the touch to end.
+    release_time: float = 0.2
     # s; time over which a change of the law fades in.
     fade_time: float = 0.06
     # s; smoothing of the contact point on the skin.
@@ -84,7 +86,7 @@ class HandGuidingParameters:
         require_positive(
             self, "k_p", "k_d", "K_P", "K_D", "damping_threshold", "null_damping", "hold_damping", "fault_damping",
             "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag",
-            "period",
+            "release_time", "period",
         )  # fmt: skip
         require_non_negative(self, "joint_margin", "partial_share")
         require_choice(self, "feedback", FEEDBACK)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from saphari_drake.control.hand_guiding_parameters import HandGuidingParameters
 from saphari_drake.control.hand_guiding_touch import Sensed, Tip, Touches, joints_that_move, next_touches, sense
 from saphari_drake.control.torque_limits import limit_torque
 from saphari_drake.parameters import positive_definite
-from saphari_drake.port_values import GuidingPriority, GuidingStatus, Immutable, SkinReading
+from saphari_drake.port_values import GuidingPriority, GuidingStatus, Immutable, SkinContact, SkinReading
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 
@@ -109,6 +109,7 @@ class _Points(NamedTuple):
 class _Law(NamedTuple):
     """Joint acceleration (49) of a cycle."""
 
+    J: Array
     acceleration: Array
     N_1: Array
     reachable: Array
@@ -145,6 +146,15 @@ class HandGuiding:
             fresh,
         )  # fmt: skip
 
+    def compile(self) -> None:
+        """Run one cycle with two hands, which compiles the kernels before the first control step."""
+        terms = evaluate_dynamics(self.robot, self.robot.home, np.zeros(self.robot.n))
+        touches = Touches((True, True), GuidingPriority.END_EFFECTOR, True)
+        axis, firm = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0 * self.params.body.touch_on])
+        contact = SkinContact(self.robot.n - 1, np.zeros(3), axis, -firm)
+        start = replace(self.start(terms), touches=touches, link=contact.link)
+        self.step(start, terms, SkinReading((contact,)), np.concatenate([np.zeros(3), firm]))
+
     def step(
         self, state: GuidingState, terms: DynamicsTerms, reading: SkinReading, wrench: Array
     ) -> tuple[GuidingState, GuidingOutput]:
@@ -164,7 +174,7 @@ class HandGuiding:
             state = self.start(terms)
         age = state.now - max(reading.stamp, 0.0)
         sensed = sense(terms, reading, wrench, self.tip, self.moved_by, age, params.timeout)
-        touches = next_touches(state.touches, sensed, self.points)
+        touches = next_touches(state.touches, sensed, self.points, params.release_time, T)
         actual = terms if params.feedback == "measured" else evaluate_dynamics(self.robot, state.q, state.v)
         link, p_LC, jumped = self._body_point(state, sensed, touches)
         centre = state.centre.copy()
@@ -174,14 +184,15 @@ class HandGuiding:
         nominal = law.acceleration if law else -rate * state.v
         # A change of the law fades in, out of sight of a main point that stays the same.
         fade, below = self._fading * state.fade, state.fade_below
-        if jumped or touches != state.touches:
+        if jumped or not touches.same_law(state.touches):
             fade = state.a - nominal
             below = touches.priority == state.touches.priority
         if below and law:
             fade = law.N_1 @ fade
-        N_1 = law.N_1 if law else np.zeros((len(fade), len(fade)))
         low, high = velocity_bounds(state.q, *self._limits, params.approach_time)
-        v_next, held_back = limit_joint_velocity(state.v + T * (nominal + fade), N_1, low, high)
+        J = law.J if law else np.zeros((0, 3, len(fade)))
+        v_asked = state.v + T * (nominal + fade)
+        v_next, held_back = limit_joint_velocity(v_asked, J, low, high, params.damping_threshold)
         a = (v_next - state.v) / T
         q_next = state.q + 0.5 * T * (state.v + v_next)
         if params.feedback == "measured":  # with torques at their limits the command must not run away
@@ -244,7 +255,7 @@ class HandGuiding:
     def _law(self, points: _Points, v: Array) -> _Law:
         J = np.array([at.Jv_WC for at in points.at])
         a = np.array([a - at.Jdotv_WC for a, at in zip(points.acceleration, points.at)])
-        return _Law(*priority_acceleration(J, a, -self.params.null_damping * v, self.params.damping_threshold))
+        return _Law(J, *priority_acceleration(J, a, -self.params.null_damping * v, self.params.damping_threshold))
 
     def _advance(
         self, state: GuidingState, points: _Points, law: _Law | None, v_next: Array, held_back: bool

@@ -109,29 +109,47 @@ class Touches(Immutable):
     priority : GuidingPriority
     ready : bool
         Whether guiding is allowed: after the start and after a fault, not before nobody touches.
+    below : (float, float)
+        How long their forces have been below the lower threshold (s).
     """
 
     touched: tuple[bool, bool] = (False, False)
     priority: GuidingPriority = GuidingPriority.NONE
     ready: bool = False
+    below: tuple[float, float] = (0.0, 0.0)
+
+    def same_law(self, other: Touches) -> bool:
+        """Whether the same points are guided with the same priority."""
+        return self.touched == other.touched and self.priority == other.priority and self.ready == other.ready
 
 
 def next_touches(
-    before: Touches, sensed: Sensed, points: tuple[GuidedPointParameters, GuidedPointParameters]
+    before: Touches,
+    sensed: Sensed,
+    points: tuple[GuidedPointParameters, GuidedPointParameters],
+    release_time: float,
+    period: float,
 ) -> Touches:
-    """Return who touches, with hysteresis, and the main point: the one touched first, until it is let go."""
+    """Return who touches, and the main point: the one touched first, until it is let go.
+
+    A touch begins above the upper threshold and ends when the force has stayed below the lower one for
+    `release_time` (s): the force of a hand that turns round is small for a moment.
+    """
     if not sensed.valid:
         return Touches()
     F_e, F_b = sensed.force
     sizes = math.sqrt(F_e @ F_e), math.sqrt(F_b @ F_b)
+    low = tuple(size < point.touch_off for size, point in zip(sizes, points))
     if not before.ready:
-        return Touches(ready=all(size < point.touch_off for size, point in zip(sizes, points)))
+        return Touches(ready=all(low))
+    e_below, b_below = (time + period if is_low else 0.0 for time, is_low in zip(before.below, low))
+    below = e_below, b_below
     e, b = (
-        size > (point.touch_off if was else point.touch_on)
-        for size, point, was in zip(sizes, points, before.touched)
+        time < release_time if was else size > point.touch_on
+        for size, point, was, time in zip(sizes, points, before.touched, below)
     )
     if not (e or b):
-        return Touches(ready=True)
+        return Touches(ready=True, below=below)
     main = before.priority
     if main == GuidingPriority.NONE and e and b:
         # Both in one cycle: the one pressed harder, measured by its threshold.
@@ -139,4 +157,4 @@ def next_touches(
         main = GuidingPriority.BODY if harder else GuidingPriority.END_EFFECTOR
     elif main == GuidingPriority.NONE or not (e, b)[main - 1]:
         main = GuidingPriority.END_EFFECTOR if e else GuidingPriority.BODY
-    return Touches((e, b), main, True)
+    return Touches((e, b), main, True, below)

@@ -68,14 +68,14 @@ def add_cell(builder: DiagramBuilder, robot: RobotModel, params: CellParameters 
     plant.set_gravity_enabled(hand.model_instance(), False)
     plant.Finalize()
     plant.SetDefaultPositions(instance, robot.home)
-    _ignore_self_contact(plant, scene_graph, instance)
+    ignore_self_contact(plant, scene_graph, instance)
     return Cell(
         robot=robot,
         plant=plant,
         scene_graph=scene_graph,
         instance=instance,
         hand=hand,
-        torque_input=_torque_input(builder, robot, plant, instance),
+        torque_input=connect_torque(builder, robot, plant, instance),
         link_of_body={
             int(plant.GetBodyByName(name, instance).index()): link for link, name in enumerate(robot.link_names)
         },
@@ -85,10 +85,10 @@ def add_cell(builder: DiagramBuilder, robot: RobotModel, params: CellParameters 
     )
 
 
-def _torque_input(
+def connect_torque(
     builder: DiagramBuilder, robot: RobotModel, plant: MultibodyPlant, instance: ModelInstanceIndex
 ) -> InputPort:
-    """Input port in joint order, whatever the order of the actuators is."""
+    """Return the input port of the joint torques in joint order, whatever the order of the actuators is."""
     port = plant.get_actuation_input_port(instance)
     if np.array_equal(robot.actuator_order, np.arange(robot.n)):
         return port
@@ -97,7 +97,8 @@ def _torque_input(
     return reorder.get_input_port()
 
 
-def _ignore_self_contact(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:
+def ignore_self_contact(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:
+    """Let the robot's links not collide with one another."""
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
     geometries = [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
     filters = scene_graph.collision_filter_manager()
