@@ -70,35 +70,35 @@ def spread_touch(rows, columns, pitch, centre, radius, aspect, turn, exponent, l
 
 
 @njit(cache=True)
-def module_forces(dv, inverse, coupling, neighbours, usable, rounds, forces):
-    """Fill `forces` (m, 3), N, module frames, from voltages over the baseline (m, 4) by a calibration.
-
-    What a module seems to feel is its own force and shares of its neighbours': f = A ψ(ΔV) − Σ Y f_neighbour, solved by
-    repetition, which contracts since the shares are small. Modules that are not usable get the mean of those around.
-    """
-    m = dv.shape[0]
-    felt = np.zeros((m, 3))
+def felt_forces(dv, inverse, usable, felt):
+    """Fill what each module seems to feel, A ψ(ΔV), (m, 3) in N, from voltages over the baseline (m, 4)."""
     psi = np.empty(14)
-    for i in range(m):
+    for i in range(dv.shape[0]):
+        felt[i] = 0.0
         if not usable[i]:
             continue
-        k = 4
+        n = 4
         for a in range(4):
             psi[a] = dv[i, a]
             for b in range(a, 4):
-                psi[k] = dv[i, a] * dv[i, b]
-                k += 1
+                psi[n] = dv[i, a] * dv[i, b]
+                n += 1
         for c in range(3):
-            total = 0.0
             for k in range(14):
-                total += inverse[i, c, k] * psi[k]
-            felt[i, c] = total
-    forces[:] = felt
-    fill_unusable(neighbours, usable, forces)
-    before = np.empty((m, 3))
+                felt[i, c] += inverse[i, c, k] * psi[k]
+
+
+@njit(cache=True)
+def remove_crosstalk(felt, coupling, neighbours, usable, rounds, forces):
+    """Solve f_i = felt_i − Σ Y_in f_n for the usable modules, (m, 3) in N, in place.
+
+    By repetition, which contracts since the shares Y are small. `forces` holds a start for usable modules, and is kept
+    for the others.
+    """
+    before = np.empty_like(forces)
     for _ in range(rounds):
         before[:] = forces
-        for i in range(m):
+        for i in range(felt.shape[0]):
             if not usable[i]:
                 continue
             for c in range(3):
@@ -109,7 +109,6 @@ def module_forces(dv, inverse, coupling, neighbours, usable, rounds, forces):
                         for d in range(3):
                             total -= coupling[i, n, c, d] * before[j, d]
                 forces[i, c] = total
-        fill_unusable(neighbours, usable, forces)
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.skin_fit import fit_bells
-from saphari_drake.math.skin_kernels import module_forces, pressure_peaks
+from saphari_drake.math.skin_kernels import felt_forces, fill_unusable, pressure_peaks, remove_crosstalk
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin_calibration import SkinCalibration
 from saphari_drake.perception.skin_layout import SkinLayout
@@ -35,20 +35,24 @@ class SkinContactParameters:
     prominence: float = 0.15
     # m; a contact this near one of the sample before goes on with it.
     travel: float = 0.01
-    # Usual and least width (standard deviation) of a bell in pitches, and weight of the pull to the usual one.
-    usual_width: float = 0.45
+    # Usual and least width of a bell in pitches; weights of the pulls to the usual one and to a round bell.
+    usual_width: float = 0.36
     least_width: float = 0.12
-    width_weight: float = 0.02
-    # Rounds of the crosstalk's solution, and most rounds of the fit.
+    width_weight: float = 0.05
+    round_weight: float = 0.05
+    # A module counts in the fit with 1/(floor + its force/the largest)²: bells err by a share of themselves.
+    floor: float = 0.2
+    # Rounds of the crosstalk's solution, turns of it and the fit for modules that are missing, most rounds of a fit.
     crosstalk_rounds: int = 6
+    gap_rounds: int = 4
     fit_rounds: int = 15
 
     def __post_init__(self) -> None:
         require_positive(
             self, "module_threshold", "touch_force", "release_force", "travel", "usual_width", "least_width",
-            "crosstalk_rounds", "fit_rounds",
+            "floor", "crosstalk_rounds", "gap_rounds", "fit_rounds",
         )  # fmt: skip
-        require_non_negative(self, "width_weight", "prominence")
+        require_non_negative(self, "width_weight", "round_weight", "prominence")
         if self.prominence > 1.0:
             raise ParameterError("prominence", f"must not exceed 1, got {self.prominence}")
         if self.release_force > self.touch_force:
@@ -58,8 +62,7 @@ class SkinContactParameters:
 class Bells(NamedTuple):
     """Contacts in surface coordinates."""
 
-    centre: Array  # (K, 2), m
-    width: Array  # (K,), m
+    shape: Array  # (K, 5), see `bell_share`
     force: Array  # (K, 3), N, link frame
 
 
@@ -96,11 +99,17 @@ class SkinContactLaw:
         uv = self.layout.uv
         load = 5.0 * np.exp(-0.5 * np.sum(uv**2, axis=1) / self.layout.pitch**2)
         usable = np.ones(self.layout.count, dtype=bool)
-        self.forces(np.zeros((self.layout.count, 4)), usable)
-        self.bells(-load[:, None] * np.array([0.0, 0.0, 1.0]), usable)
+        felt_forces(np.zeros((self.layout.count, 4)), self.calibration.inverse, usable, np.empty((len(uv), 3)))
+        f_M = -load[:, None] * np.array([0.0, 0.0, 1.0])
+        self._fit(f_M, usable, self._start(f_M))
+        fill_unusable(self.neighbours, usable, f_M)
+        remove_crosstalk(f_M, self.calibration.coupling, self.neighbours, usable, 1, f_M.copy())
 
-    def forces(self, dv: Array, usable: Mask) -> Array:
-        """Return the force on each module (m, 3), N, in its own frame; unusable ones get the mean of those around.
+    def solve(self, dv: Array, usable: Mask) -> tuple[Array, Bells]:
+        """Return the force on each module (m, 3), N, in its own frame, and the bells that explain them.
+
+        Modules that are not usable get what the bells put on them. Their crosstalk disturbs those around, so that
+        forces and bells are solved in turns.
 
         Parameters
         ----------
@@ -108,30 +117,37 @@ class SkinContactLaw:
             Voltages over the baseline (V).
         usable : (m,) bool array
         """
-        f_M = np.empty((self.layout.count, 3))
-        c = self.calibration
-        module_forces(dv, c.inverse, c.coupling, self.neighbours, usable, int(self.params.crosstalk_rounds), f_M)
-        return f_M
+        c, rounds = self.calibration, int(self.params.crosstalk_rounds)
+        felt = np.empty((self.layout.count, 3))
+        felt_forces(dv, c.inverse, usable, felt)
+        f_M = felt.copy()
+        fill_unusable(self.neighbours, usable, f_M)
+        remove_crosstalk(felt, c.coupling, self.neighbours, usable, rounds, f_M)
+        fill_unusable(self.neighbours, usable, f_M)
+        bells = self._start(f_M)
+        bells, share = self._fit(f_M, usable, bells)
+        gaps = np.flatnonzero(~usable)
+        for _ in range(int(self.params.gap_rounds) if len(gaps) and len(bells.shape) else 0):
+            f_M[gaps] = np.einsum("gij,gi->gj", self.layout.R_LM[gaps], share[:, gaps].T @ bells.force)
+            remove_crosstalk(felt, c.coupling, self.neighbours, usable, rounds, f_M)
+            bells, share = self._fit(f_M, usable, bells)
+        return f_M, self._completed(f_M, usable, bells, share)
 
-    def bells(self, f_M: Array, usable: Mask) -> Bells:
-        """Return the contacts that explain the modules' forces, without regard to how weak they are."""
+    def _start(self, f_M: Array) -> Bells:
+        """Return a first guess of each contact: patches of pressure with their sums and centroids."""
         layout, params = self.layout, self.params
         label = np.empty(layout.count, dtype=np.int64)
         pressure = -f_M[:, 2]
         count = pressure_peaks(pressure, self.neighbours, params.module_threshold, params.prominence, label)
         f_L = np.einsum("mij,mj->mi", layout.R_LM, f_M)
-        centre, width, force = (
-            np.empty((count, 2)),
-            np.full(count, params.usual_width * layout.pitch),
-            np.empty((count, 3)),
-        )
+        centre, force = np.empty((count, 2)), np.empty((count, 3))
         for k in range(count):
             own = label == k
             centre[k] = pressure[own] @ layout.uv[own] / pressure[own].sum()
             force[k] = f_L[own].sum(axis=0)
-        for group in self._groups(centre):
-            self._fit(f_L, usable, centre, width, force, group)
-        return Bells(centre, width, force)
+        shape = np.zeros((count, 5))
+        shape[:, :2], shape[:, 2:4] = centre, np.log(params.usual_width * layout.pitch)
+        return Bells(shape, force)
 
     def _groups(self, centre: Array) -> list[list[int]]:
         """Return contacts whose bells may overlap, together."""
@@ -142,21 +158,33 @@ class SkinContactLaw:
             groups = [g for g in groups if g not in near] + [[*(j for g in near for j in g), k]]
         return groups
 
-    def _fit(self, f_L: Array, usable: Mask, centre: Array, width: Array, force: Array, group: list[int]) -> None:
+    def _fit(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array]:
+        """Return the bells that fit the forces best, and their shares (K, m) of the modules."""
         layout, params = self.layout, self.params
-        distance = np.max(np.abs(layout.uv[:, None] - centre[group]), axis=2).min(axis=1)
-        window = np.flatnonzero(distance < 3.5 * layout.pitch)
-        uv, forces, known = layout.uv[window], f_L[window], usable[window]
-        share = np.empty((len(group), len(window)))
-        c, w, f = centre[group], width[group], force[group]
-        prior = np.array([params.usual_width * layout.pitch, params.width_weight, params.least_width * layout.pitch])
-        fit_bells(uv, layout.pitch, forces, known, c, w, f, prior, int(params.fit_rounds), share)
-        size = np.linalg.norm(f, axis=1)
-        carried = share * size[:, None]
-        owned = np.where(known & (share > 1e-3), carried / np.maximum(carried.sum(axis=0), 1e-12), 0.0)
-        missing = 1.0 - np.sum(np.where(known, share, 0.0), axis=1)
-        centre[group], width[group] = c, w
-        force[group] = owned @ forces + missing[:, None] * f
+        shape, force = start.shape.copy(), start.force.copy()
+        share = np.zeros((len(shape), layout.count))
+        usual, least = np.log(params.usual_width * layout.pitch), np.log(params.least_width * layout.pitch)
+        prior = np.array([usual, least, params.width_weight, params.round_weight])
+        for group in self._groups(shape[:, :2]):
+            distance = np.max(np.abs(layout.uv[:, None] - shape[group, :2]), axis=2).min(axis=1)
+            window = np.flatnonzero(distance < 3.5 * layout.pitch)
+            forces = np.einsum("mij,mj->mi", layout.R_LM[window], f_M[window])
+            size = np.where(usable[window], np.linalg.norm(forces, axis=1), 0.0)
+            error = params.floor + size / max(size.max(initial=0.0), 1e-9)
+            weight = np.where(usable[window], (error.max() / error) ** 2, 0.0)
+            s, f, part = shape[group], force[group], np.empty((len(group), len(window)))
+            fit_bells(layout.uv[window], layout.pitch, forces, weight, s, f, prior, int(params.fit_rounds), part)
+            shape[group], force[group] = s, f
+            share[np.ix_(group, window)] = part
+        return Bells(shape, force), share
+
+    def _completed(self, f_M: Array, usable: Mask, bells: Bells, share: Array) -> Bells:
+        """Return the bells with the force that was measured, and their own for what was not."""
+        f_L = np.einsum("mij,mj->mi", self.layout.R_LM, f_M)
+        carried = share * np.linalg.norm(bells.force, axis=1)[:, None]
+        owned = np.where(usable & (share > 1e-3), carried / np.maximum(carried.sum(axis=0), 1e-12), 0.0)
+        missing = 1.0 - np.sum(np.where(usable, share, 0.0), axis=1)
+        return bells._replace(force=owned @ f_L + missing[:, None] * bells.force)
 
     def contacts(self, bells: Bells, before: Sequence[SkinContact] = ()) -> tuple[SkinContact, ...]:
         """Return the bells that are strong enough, the strongest first.
@@ -168,7 +196,7 @@ class SkinContactLaw:
             Those of the sample before; a bell near one of them stays a contact down to the release force.
         """
         found = []
-        for uv, force in zip(bells.centre, bells.force):
+        for uv, force in zip(bells.shape[:, :2], bells.force):
             p_LC, R_LC = self.layout.surface(uv)
             contact = SkinContact(self.layout.link, p_LC, R_LC[:, 2].copy(), force.copy())
             goes_on = any(np.linalg.norm(p_LC - other.p_LC) < self.params.travel for other in before)

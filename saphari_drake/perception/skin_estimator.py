@@ -120,8 +120,8 @@ class SkinLaw:
             lost = SkinReading((), SkinStatus.LOST, names, stamp)
             return replace(kept, reading=lost, f_M=np.zeros_like(memory.f_M))
         dv = np.where(usable[:, None], voltages - memory.baseline, 0.0)
-        f_M = self.contacts.forces(dv, usable)
-        contacts = self.contacts.contacts(self.contacts.bells(f_M, usable), memory.reading.contacts)
+        f_M, bells = self.contacts.solve(dv, usable)
+        contacts = self.contacts.contacts(bells, memory.reading.contacts)
         saturated = usable & np.any(voltages > self._high, axis=1)
         status = SkinStatus.DEGRADED if names else SkinStatus.OK
         reading = SkinReading(contacts, SkinStatus.SATURATED if np.any(saturated) else status, names, stamp)
