@@ -247,8 +247,8 @@ def velocity_bounds(q: Array, q_min: Array, q_max: Array, v_max: Array, time: fl
 
 
 @njit(cache=True)
-def contact_torque(S, moved_by, p, force, moment):
-    """Return the joint torque (n,) of a force (N) at p (m) and a moment (Nm) on a link, world axes.
+def contact_torque(S, moved_by, p, force):
+    """Return the joint torque (n,) of a force (N) on a link at p (m), world axes.
 
     Parameters
     ----------
@@ -256,12 +256,12 @@ def contact_torque(S, moved_by, p, force, moment):
         Joint axes, spatial [ω; v] at the world origin.
     moved_by : (n,) array
         1.0 for each joint that moves the link.
-    p, force, moment : (3,) arrays
+    p, force : (3,) arrays
     """
     about = np.array([
-        p[1] * force[2] - p[2] * force[1] + moment[0],
-        p[2] * force[0] - p[0] * force[2] + moment[1],
-        p[0] * force[1] - p[1] * force[0] + moment[2],
+        p[1] * force[2] - p[2] * force[1],
+        p[2] * force[0] - p[0] * force[2],
+        p[0] * force[1] - p[1] * force[0],
     ])  # fmt: skip
     torque = np.zeros(S.shape[0])
     for j in range(S.shape[0]):

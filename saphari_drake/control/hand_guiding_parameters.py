@@ -40,8 +40,9 @@ class GuidedPointParameters:
 class HandGuidingParameters:
     """Gains, thresholds and limits; A unless marked."""
 
-    # Name of the frame whose origin is the guided point of the end effector; empty: the last link's.
+    # Guided point of the end effector: a frame of the robot (empty: the last link) and a point in it (m).
     tip_frame: str = ""
+    tip_point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     end_effector: GuidedPointParameters = field(default_factory=GuidedPointParameters)
     # The body moves on a small circle about the shoulder: the same speed there means faster joints.
     body: GuidedPointParameters = field(default_factory=lambda: GuidedPointParameters(max_speed=0.15))
@@ -90,6 +91,8 @@ class HandGuidingParameters:
         )  # fmt: skip
         require_non_negative(self, "joint_margin", "partial_share")
         require_choice(self, "feedback", FEEDBACK)
+        if np.shape(self.tip_point) != (3,) or not np.all(np.isfinite(self.tip_point)):
+            raise ParameterError("tip_point", f"needs three finite numbers, got {self.tip_point}")
         if self.joint_speed_share > 1.0:
             raise ParameterError("joint_speed_share", f"must not exceed 1, got {self.joint_speed_share}")
         if self.approach_time < 2.0 * self.period:

@@ -122,10 +122,10 @@ class HandGuiding:
 
     def __init__(self, robot: RobotModel, params: HandGuidingParameters) -> None:
         self.robot, self.params = robot, params
-        self.tip = Tip(robot.n - 1, np.zeros(3))
-        if params.tip_frame:
-            link, X_LF = robot.frame(params.tip_frame)
-            self.tip = Tip(link if link >= 0 else robot.link_index(params.tip_frame), np.array(X_LF.translation()))
+        link, X_LF = robot.frame(params.tip_frame or robot.link_names[-1])
+        if link < 0:
+            link = robot.link_index(params.tip_frame)  # raises: the frame does not move
+        self.tip = Tip(link, np.array(X_LF @ np.asarray(params.tip_point, dtype=float)))
         self.moved_by = joints_that_move(robot)
         self.points = (params.end_effector, params.body)
         self._admittance = [

@@ -29,7 +29,7 @@ class Sensed(NamedTuple):
     """What the sensors say in one cycle."""
 
     force: Array  # (2, 3) F_e, F_b, N, world
-    torque: Array  # (n,) J_eᵀF_e + J_bᵀF_b, with the moment at the wrist
+    torque: Array  # (n,) J_eᵀF_e + J_bᵀF_b
     link: int  # link touched on the body, −1: none
     p_LC: Array  # (3,) force-weighted contact point, m, link frame
     valid: bool
@@ -57,7 +57,9 @@ def sense(
 ) -> Sensed:
     """Return the forces of the hands on both points; invalid, and zero, if a sensor does not know its force.
 
-    Contacts on the link of the strongest one act together, at their force-weighted centroid.
+    Contacts on the link of the strongest one act together, at their force-weighted centroid. The moment at the wrist is
+    not used, as in (47): about the last joint the sensor feels the whole inertia that it turns, and a torque that
+    answered it would answer itself.
 
     Parameters
     ----------
@@ -78,13 +80,13 @@ def sense(
         return Sensed(force, np.zeros(len(terms.q)), -1, point, False)
     force[0] = wrench[3:]
     p_tip = terms.p_WL[tip.link] + terms.R_WL[tip.link] @ tip.p_LC
-    torque = contact_torque(terms.S, moved_by[tip.link], p_tip, wrench[3:], wrench[:3])
+    torque = contact_torque(terms.S, moved_by[tip.link], p_tip, wrench[3:])
     weight = 0.0
     for contact in contacts:
         link = contact.link
         f_W = terms.R_WL[link] @ contact.f_L
         p_WC = terms.p_WL[link] + terms.R_WL[link] @ contact.p_LC
-        torque += contact_torque(terms.S, moved_by[link], p_WC, f_W, _NO_MOMENT)
+        torque += contact_torque(terms.S, moved_by[link], p_WC, f_W)
         if link == contacts[0].link:
             size = math.sqrt(f_W @ f_W)
             force[1] += f_W
@@ -93,9 +95,6 @@ def sense(
     if weight > 0.0:
         point /= weight
     return Sensed(force, torque, contacts[0].link if weight > 0.0 else -1, point, True)
-
-
-_NO_MOMENT = np.zeros(3)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,109 @@
+"""A person leads the arm by its end effector and, through a sensitive skin, by its body (Section 6, Fig. 9 and 10)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.simulation import guiding_analysis as judge
+from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.guiding_figures import forces_and_velocities, replay
+from saphari_drake.simulation.guiding_hands import Pull
+from saphari_drake.simulation.guiding_run import GuidingRun, GuidingRuns, GuidingScenario, build
+
+CASES = {
+    "end_effector_first": "the end effector is led; then a hand presses the body",
+    "body_first": "the body is led through the skin; then a hand pulls the end effector",
+    "recorded": "the end effector is led with the recorded force of a real person; then a hand presses the body",
+}
+FIGURES = {"end_effector_first": "layout of Fig. 9", "body_first": "layout of Fig. 10", "recorded": "layout of Fig. 9"}
+SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
+STRONGER = 3.0
+
+
+def scenario_for(case: str) -> GuidingScenario:
+    """Return the scenario of a case."""
+    scenario = GuidingScenario(case=case)
+    if case == "body_first":
+        scenario.body.pulls = [
+            Pull(0.6, 3.0, 0.5, [1.0, 2.0, -4.0]),
+            Pull(3.0, 3.6, 0.6, [-1.5, -2.0, -4.0]),
+        ]
+        scenario.end_effector.pulls = [Pull(2.0, 1.4, 0.4, [3.0, 0.0, 3.0]), Pull(4.4, 1.4, 0.4, [-3.0, 2.0, -2.5])]
+        return scenario
+    scenario.end_effector.pulls = [
+        Pull(0.6, 2.4, 0.5, [4.5, 0.0, 0.0]),
+        Pull(2.5, 2.4, 0.5, [-4.0, 0.0, 3.0]),
+        Pull(4.4, 2.4, 0.5, [0.0, -4.0, -3.0]),
+    ]
+    scenario.body.pulls = [Pull(2.9, 1.2, 0.5, [1.5, 1.5, -4.0]), Pull(4.9, 1.2, 0.5, [-1.5, -2.0, -4.0])]
+    return scenario
+
+
+def build_diagram(scenario: GuidingScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return build(scenario, SYNTHETIC).diagram
+
+
+def run(scenario: GuidingScenario, options: RunOptions) -> Outcome:
+    """Run a scenario as it is, without the second hand and with a stronger one, and judge it."""
+    runs = GuidingRuns(scenario, SYNTHETIC, options)
+    result, alone, stronger = runs.get(), runs.get(0.0), runs.get(STRONGER)
+    title = f"Hand guiding, {CASES[scenario.case]}\n({FIGURES[scenario.case]}; dotted: the first hand alone)"
+    return Outcome(
+        judged(result, alone, stronger),
+        result.log,
+        lambda: forces_and_velocities(result, alone, title),
+        lambda path: replay(result, path, f"Hand guiding: {scenario.case} (orange: end effector, blue: body)"),
+    )
+
+
+def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[Metric]:
+    """Return the metrics of the contract, and those that explain them."""
+    scenario, log = result.setup.scenario, result.log
+    force_error, point_error = judge.skin_errors(result)
+    strong_force, strong_point = judge.skin_errors(stronger)
+    speeds = [float(np.linalg.norm(judge.true_velocity(result, hand), axis=1).max()) for hand in (0, 1)]
+    return [
+        Metric("main_task_disturbance", judge.main_task_disturbance(result, alone), "1", high=0.02,
+               reported="only affected by its own force"),
+        Metric("main_task_disturbance_3x", judge.main_task_disturbance(stronger, alone), "1", high=0.02),
+        Metric("skin_force_error_relative", rms(force_error), "1", high=0.05),
+        Metric("skin_point_error_m", rms(point_error), "m", high=0.005),
+        Metric("skin_force_error_relative_3x", rms(strong_force), "1", high=0.05),
+        Metric("skin_point_error_m_3x", rms(strong_point), "m", high=0.005),
+        Metric("secondary_realised", judge.secondary_realised(result), "1", 0.98, 1.02, "motion in the null space"),
+        Metric("secondary_realised_3x", judge.secondary_realised(stronger), "1", 0.98, 1.02),
+        Metric("main_velocity_error_relative", judge.velocity_error(result), "1", reported="moves according to the force"),
+        Metric("speed_max_end_effector_m_s", speeds[0], "m/s"),
+        Metric("speed_max_body_m_s", speeds[1], "m/s"),
+        Metric("rank_second", float(np.median(_second_rank(result))), "1"),
+        Metric("torque_step_max_Nm", judge.torque_step(result), "Nm"),
+        Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
+        Metric("real_time_factor", scenario.duration / result.wall, "1", 0.25, decides=False),
+    ]  # fmt: skip
+
+
+def _second_rank(result: GuidingRun) -> np.ndarray:
+    ranks = result.log["rank"][:, 1 - result.setup.scenario.main]
+    return ranks[ranks > 0] if np.any(ranks > 0) else np.zeros(1)
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+EXPERIMENT = Experiment(
+    name="skin_hand_guiding",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+    accepts_model=True,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))
