@@ -69,6 +69,22 @@ class Rows(NamedTuple):
     b: NDArray[np.float64]  # (rows, n)
 
 
+class Multipliers(NamedTuple):
+    """Multipliers λ > 0 of distance rows, for the Hessian of the Lagrangian."""
+
+    stage: NDArray[np.int64]
+    point: NDArray[np.int64]
+    obstacle: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+
+@njit(cache=True)
+def no_multipliers():
+    """Return `Multipliers` of no row."""
+    none = np.zeros(0, np.int64)
+    return Multipliers(none, none, none, np.zeros(0))
+
+
 @njit(cache=True)
 def forward(data, q, R, p):
     """Fill the poses of the joint frames M in the world: `R` (n, 3, 3) and `p` (n, 3)."""
@@ -213,7 +229,7 @@ def _add_pose_term(data, k, R, p, R_ref, p_ref, Q_e, exact, g, H, derivatives):
 
 
 @njit(cache=True)
-def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, weight, pull, exact, derivatives):
+def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, multipliers, exact, derivatives):
     """Return cost, gradient, diagonal blocks of the Hessian, and points of the horizon with their Jacobians.
 
     Parameters
@@ -225,9 +241,9 @@ def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, weight, pull, exact, deriv
         Reference poses of stages 0 … N; the first is not used.
     p_WO, radius : (N + 1, m, 3) and (m,) arrays
         Obstacles at each stage.
-    weight, pull : (N + 1, points) and (N + 1, points, 3) arrays
-        Curvature of the constraints in the Lagrangian, if `exact`: −Σλ∇²z of stage k and point i has the gradient
-        −2(weight·p − pull) and the Hessian −2·weight·I in p, with weight = Σλ and pull = Σλ p_O.
+    multipliers : Multipliers
+        Of distance rows, whose curvature −λ∇²z is added if `exact`. With d = p − p_O it is, in p, −2λ(I − ddᵀ/‖d‖²):
+        what is left out along d is a multiple of ∇z∇zᵀ, constant where the row is active.
     exact : bool
         Exact Hessian instead of the Gauss–Newton one. derivatives: whether to evaluate derivatives at all.
 
@@ -309,11 +325,24 @@ def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, weight, pull, exact, deriv
                 g[row, j] += F[0] * columns[a, 0] + F[1] * columns[a, 1] + F[2] * columns[a, 2]
                 for r in range(3):
                     J[k, i, j, r] = columns[a, r]
-            if exact and weight[k, i] != 0.0:
-                for r in range(3):
-                    F[r] -= 2.0 * (weight[k, i] * x[r] - pull[k, i, r])
-                diagonal -= 2.0 * weight[k, i]
-            elif not data.cost_on:
+            bent = data.cost_on
+            if exact:
+                for e in range(multipliers.value.shape[0]):
+                    if multipliers.stage[e] == k and multipliers.point[e] == i:
+                        bent, o, lam = True, multipliers.obstacle[e], 2.0 * multipliers.value[e]
+                        dx, dy, dz = x[0] - p_WO[k, o, 0], x[1] - p_WO[k, o, 1], x[2] - p_WO[k, o, 2]
+                        v = lam / (dx * dx + dy * dy + dz * dz)
+                        F[0] -= lam * dx
+                        F[1] -= lam * dy
+                        F[2] -= lam * dz
+                        diagonal -= lam
+                        S[0, 0] += v * dx * dx
+                        S[0, 1] += v * dx * dy
+                        S[0, 2] += v * dx * dz
+                        S[1, 1] += v * dy * dy
+                        S[1, 2] += v * dy * dz
+                        S[2, 2] += v * dz * dz
+            if not bent:
                 continue
             if exact:
                 for r in range(3):

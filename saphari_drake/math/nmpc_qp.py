@@ -1,11 +1,12 @@
 """Dual active-set solver (Goldfarb and Idnani, 1983) for the quadratic programs of a prediction horizon.
 
 Minimize gᵀδ + ½ δᵀHδ + ρ Σ (s_r + ½ s_r²) over δ and s ≥ 0, subject to cᵢᵀδ ≥ bᵢ for limits of position and velocity,
-c_rᵀδ + s_r ≥ b_r for the distance rows, and equalities. H = L Lᵀ is block tridiagonal, so that L has two blocks a stage,
-and only constraints that ever become active are transformed, w = L⁻¹c.
+c_rᵀδ + s_r ≥ b_r for the distance rows, and equalities. H = L Lᵀ is block tridiagonal, so that L has two blocks a
+stage, and only constraints that ever become active are transformed, w = L⁻¹c.
 
-The price ρ of the slacks bounds the multipliers of the distance rows instead of adding variables: with λ < ρ a row holds
-exactly, s = 0; at λ ≥ ρ it is soft, s = λ/ρ − 1. That is the exact ℓ1 penalty, with a small quadratic part that makes
+The price ρ of the slacks bounds the multipliers of the distance rows instead of adding variables: with λ < ρ a row
+holds exactly, s = 0; at λ ≥ ρ it is soft, s = λ/ρ − 1. That is the exact ℓ1 penalty, with a small quadratic part that
+makes
 the solution unique. In y = Lᵀδ = y_0 + Σ λᵢwᵢ, the multipliers of the active set solve (WᵀW + D)λ = b − cᵀδ_0 with
 D = 1/ρ for soft rows.
 """

@@ -8,10 +8,11 @@ dz = 2 m·((1 − s*) da + s* db), as s* minimizes. Samples alone (s* = 1, e = 0
 √(d_min² − (vT_s/2)²) on the way.
 
 **Rows that are left out cannot become active.** All q within the velocity and position limits have
-|q_k − q_0| ≤ k T_s v_max, so that a step δ that keeps them stays in the box B_k = [lo − q̄_k, hi − q̄_k]. There
-‖J_ik δ_k‖ ≤ ρ_ik = Σ_j ‖J_ikj‖ max(|lo_j − q̄_kj|, |hi_j − q̄_kj|), hence
-z + dz ≥ z − 2‖m‖((1 − s*)ρ_i,k−1 + s*ρ_ik). Where that is positive, the row is positive for every step that the limits
-allow, and the solution of the quadratic program without it is the solution with it.
+|q_k − q_0| ≤ k T_s v_max, so that a step δ that keeps them stays in the box [lo − q̄_k, hi − q̄_k]. There, and for
+|δ| ≤ β, ‖J_ik δ_k‖ ≤ ρ_ik = Σ_j ‖J_ikj‖ min(β, max(|lo_j − q̄_kj|, |hi_j − q̄_kj|)), hence
+z + dz ≥ z − 2‖m‖((1 − s*)ρ_i,k−1 + s*ρ_ik). Where that is positive, the row holds for every step up to β that the
+limits allow. If the solution without it is such a step, it meets all rows, and no step that does is better: it is the
+solution with them. The SQP guesses β from its last step, and solves again with β = ∞ if the solution turns out larger.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ def closest_on_chord(a, b):
 
 
 @njit(cache=True)
-def travel(data, q0, Q, J):
-    """Return ρ (N + 1, points), how far (m) the linearization can move each point at each stage."""
+def travel(data, q0, Q, J, step):
+    """Return ρ (N + 1, points), how far (m) a step of entries up to `step` moves each point in the linearization."""
     N, n = Q.shape
     points = data.link_C.shape[0]
     rho = np.zeros((N + 1, points))
@@ -75,7 +76,7 @@ def travel(data, q0, Q, J):
         for i in range(points):
             for j in range(n):
                 length = np.sqrt(J[k, i, j, 0] ** 2 + J[k, i, j, 1] ** 2 + J[k, i, j, 2] ** 2)
-                rho[k, i] += length * max(abs(low[j] - Q[k - 1, j]), abs(high[j] - Q[k - 1, j]))
+                rho[k, i] += length * min(step, max(abs(low[j] - Q[k - 1, j]), abs(high[j] - Q[k - 1, j])))
     return rho
 
 
@@ -89,8 +90,8 @@ def minimum_distances(data, q0, Q, J, i, k):
 
 
 @njit(cache=True)
-def distance_rows(data, q0, Q, P, J, p_WO, radius, everything):
-    """Return the linearised rows (22) that can become active, or all of them if `everything`.
+def distance_rows(data, q0, Q, P, J, p_WO, radius, step, everything):
+    """Return the linearised rows (22) that steps up to `step` can make active, or all of them if `everything`.
 
     Parameters
     ----------
@@ -102,10 +103,10 @@ def distance_rows(data, q0, Q, P, J, p_WO, radius, everything):
     N, n = Q.shape
     points, m = data.link_C.shape[0], radius.shape[0]
     capacity = N * points * m if everything else min(N * points * m, 128)
-    index = np.empty((capacity, 3), np.int64)
+    index = np.empty((3, capacity), np.int64)
     z = np.empty(capacity)
     A, B = np.zeros((capacity, n)), np.zeros((capacity, n))
-    rho = travel(data, q0, Q, J)
+    rho = travel(data, q0, Q, J, step)
     a, b = np.empty(3), np.empty(3)
     count = 0
     if data.rows_on:
@@ -128,7 +129,7 @@ def distance_rows(data, q0, Q, P, J, p_WO, radius, everything):
                     if count == capacity:
                         capacity = 2 * capacity
                         index, z, A, B = grow(index, z, A, B, capacity)
-                    index[count, 0], index[count, 1], index[count, 2] = k, i, o
+                    index[0, count], index[1, count], index[2, count] = k, i, o
                     z[count] = value
                     for j in range(n):
                         B[count, j] = (
@@ -145,16 +146,16 @@ def distance_rows(data, q0, Q, P, J, p_WO, radius, everything):
                                 )
                             )
                     count += 1
-    return Rows(index[:count, 0], index[:count, 1], index[:count, 2], z[:count], A[:count], B[:count])
+    return Rows(index[0][:count], index[1][:count], index[2][:count], z[:count], A[:count], B[:count])
 
 
 @njit(cache=True)
 def grow(index, z, A, B, capacity):
     """Return the same arrays with room for `capacity` rows."""
     n, count = A.shape[1], z.shape[0]
-    index_, z_ = np.empty((capacity, 3), np.int64), np.empty(capacity)
+    index_, z_ = np.empty((3, capacity), np.int64), np.empty(capacity)
     A_, B_ = np.zeros((capacity, n)), np.zeros((capacity, n))
-    index_[:count], z_[:count], A_[:count], B_[:count] = index, z, A, B
+    index_[:, :count], z_[:count], A_[:count], B_[:count] = index, z, A, B
     return index_, z_, A_, B_
 
 
@@ -193,7 +194,7 @@ def slip_rows(data, q0, Q):
     """
     N, n = Q.shape
     count = N if data.base.shape[0] == 3 else 0
-    index = np.zeros((count, 3), np.int64)
+    index = np.zeros((3, count), np.int64)
     z, A, B = np.zeros(count), np.zeros((count, n)), np.zeros((count, n))
     for k in range(1, count + 1):
         x, y, t = data.base[0], data.base[1], data.base[2]
@@ -201,9 +202,9 @@ def slip_rows(data, q0, Q):
         dx, dy = Q[k - 1, x] - before[x], Q[k - 1, y] - before[y]
         angle = 0.5 * (Q[k - 1, t] + before[t])
         s, c = np.sin(angle), np.cos(angle)
-        index[k - 1, 0] = k
+        index[0, k - 1] = k
         z[k - 1] = -dx * s + dy * c
         turn = 0.5 * (-dx * c - dy * s)
         B[k - 1, x], B[k - 1, y], B[k - 1, t] = -s, c, turn
         A[k - 1, x], A[k - 1, y], A[k - 1, t] = s, -c, turn
-    return Rows(index[:, 0], index[:, 1], index[:, 2], z, A, B)
+    return Rows(index[0], index[1], index[2], z, A, B)

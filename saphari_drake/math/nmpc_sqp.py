@@ -8,15 +8,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from saphari_drake.math.nmpc_kernel import evaluate
+from saphari_drake.math.nmpc_kernel import Multipliers, evaluate, no_multipliers
 from saphari_drake.math.nmpc_qp import solve_qp
 from saphari_drake.math.nmpc_rows import Rows, distance_rows, slip_rows, violation
 
-# Share of the Gauss–Newton diagonal that a pivot of the factorization keeps at least.
-_PIVOT_SHARE = 0.05
+# Shares of the velocity term's Hessian: the least pivot of a factorization, and what is added to an indefinite H first.
+_LEAST_PIVOT, _FIRST_SHIFT, _SHIFT_FACTOR = 0.01, 0.02, 4.0
 # Of the line search.
 _ARMIJO = 1.0e-4
 _SMALLEST_STEP = 1.0e-3
+
+
+# rad or m; guesses of the largest entry of a step, see `nmpc_rows`.
+FIRST_REACH, REACH_FACTOR, LEAST_REACH = 0.15, 2.0, 0.01
 
 
 class Scene(NamedTuple):
@@ -50,11 +54,8 @@ class Subproblem(NamedTuple):
 
 
 @njit(cache=True)
-def factorize(H, off, share, L, B):
-    """Factorize the block tridiagonal H (diagonal blocks, and −diag(off) beside them); raise pivots that are too small.
-
-    What is added to the diagonal to that end is added to `H` as well. A pivot keeps at least share·off.
-    """
+def factorize(H, off, L, B):
+    """Factorize the block tridiagonal H: diagonal blocks, and −diag(off) beside them; False if it is not definite."""
     N, n = H.shape[0], H.shape[1]
     for k in range(N):
         A = L[k]
@@ -85,10 +86,8 @@ def factorize(H, off, share, L, B):
             pivot = A[j, j]
             for l in range(j):
                 pivot -= A[j, l] * A[j, l]
-            least = share * off[j]
-            if not pivot > least:
-                H[k, j, j] += least - pivot
-                pivot = least
+            if not pivot > _LEAST_PIVOT * off[j]:
+                return False
             root = np.sqrt(pivot)
             A[j, j] = root
             for i in range(j + 1, n):
@@ -96,19 +95,27 @@ def factorize(H, off, share, L, B):
                 for l in range(j):
                     total -= A[i, l] * A[j, l]
                 A[i, j] = total / root
+    return True
 
 
 @njit(cache=True)
-def linearize(data, scene, Q, weight, pull, exact):
-    """Return the `Subproblem` at iterate Q (N, n); `weight` and `pull` as in `evaluate`."""
+def linearize(data, scene, Q, multipliers, exact, step):
+    """Return the `Subproblem` at iterate Q (N, n), with the rows that steps up to `step` can make active."""
     N, n = Q.shape
     f, g, H, P, J = evaluate(
-        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, weight, pull, exact, True
+        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, multipliers, exact, True
     )
     L, B = np.empty((N, n, n)), np.zeros((N, n, n))
     off = 2.0 / data.period**2 * data.Q_v
-    factorize(H, off, _PIVOT_SHARE, L, B)
-    rows = distance_rows(data, scene.q0, Q, P, J, scene.p_WO, scene.radius, False)
+    shift = _FIRST_SHIFT
+    while not factorize(H, off, L, B):
+        for k in range(N):
+            for j in range(n):
+                H[k, j, j] += shift * off[j]
+        shift *= _SHIFT_FACTOR
+        if shift > 1e12:
+            break
+    rows = distance_rows(data, scene.q0, Q, P, J, scene.p_WO, scene.radius, step, False)
     slip = slip_rows(data, scene.q0, Q)
     low, high = np.empty((N, n)), np.empty((N, n))
     v_low, v_high = np.empty((N, n)), np.empty((N, n))
@@ -130,10 +137,8 @@ def linearize(data, scene, Q, weight, pull, exact):
 @njit(cache=True)
 def merit(data, scene, Q):
     """Return cost and constraint violation Σ max(0, −z) + Σ |slip| of an iterate."""
-    N, points = Q.shape[0], data.link_C.shape[0]
-    none, no_pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
     f, _, _, P, J = evaluate(
-        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, none, no_pull, False, data.swept
+        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, no_multipliers(), False, data.swept
     )
     excess = violation(data, scene.q0, Q, P, J, scene.p_WO, scene.radius)[0]
     for z in slip_rows(data, scene.q0, Q).z:
@@ -165,19 +170,10 @@ def search(data, scene, Q, qp, delta, penalty, left):
 
 
 @njit(cache=True)
-def curvature(data, scene, rows, multipliers):
-    """Return `weight` and `pull` of `evaluate` from the multipliers (rows,) of the distance rows."""
-    N = scene.p_WO.shape[0] - 1
-    points = data.link_C.shape[0]
-    weight, pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
-    if not data.swept:
-        for r in range(multipliers.shape[0]):
-            if multipliers[r] > 0.0:
-                k, i, o = rows.stage[r], rows.point[r], rows.obstacle[r]
-                weight[k, i] += multipliers[r]
-                for c in range(3):
-                    pull[k, i, c] += multipliers[r] * scene.p_WO[k, o, c]
-    return weight, pull
+def positive(rows, multipliers):
+    """Return the `Multipliers` > 0 of rows; those of swept distances have no part in the Hessian."""
+    index = np.nonzero(multipliers > 0.0)[0]
+    return Multipliers(rows.stage[index], rows.point[index], rows.obstacle[index], multipliers[index])
 
 
 @njit(cache=True)
@@ -233,23 +229,29 @@ def solve_sqp(data, scene, guess, iterations, tolerance, price, exact):
     slack : float
         Of the last QP (m).
     """
-    N, points = guess.shape[0], data.link_C.shape[0]
     Q = feasible_start(data, scene.q0, guess)
-    weight, pull = np.zeros((N + 1, points)), np.zeros((N + 1, points, 3))
+    multipliers = no_multipliers()
     active = np.zeros(0, np.int64)
-    penalty, slack = 0.0, 0.0
+    penalty, slack, reach = 0.0, 0.0, FIRST_REACH
     for count in range(1, iterations + 1):
-        qp = linearize(data, scene, Q, weight, pull, exact)
-        delta, multipliers, slacks, largest, ok, active_rows, _ = solve_qp(qp, price, active)
+        qp = linearize(data, scene, Q, multipliers, exact, reach)
+        delta, lam, slacks, largest, ok, active_rows, _ = solve_qp(qp, price, active)
+        step = np.max(np.abs(delta))
+        if step > reach:
+            qp = linearize(data, scene, Q, multipliers, exact, np.inf)
+            delta, lam, slacks, largest, ok, active_rows, _ = solve_qp(qp, price, active)
+            step = np.max(np.abs(delta))
         if not ok:
             return Q, count, False, False, slack
         slack = slack_length(data, scene, qp.rows, slacks)
-        if np.max(np.abs(delta)) <= tolerance:
+        if step <= tolerance:
             return Q + delta, count, True, True, slack
         penalty = max(penalty, min(2.0 * largest, price))
         Q, _ = search(data, scene, Q, qp, delta, penalty, np.sum(slacks))
-        weight, pull = curvature(data, scene, qp.rows, multipliers)
-        active = hard_limits(active_rows, 4 * N * guess.shape[1])
+        if not data.swept:
+            multipliers = positive(qp.rows, lam)
+        active = hard_limits(active_rows, 4 * Q.size)
+        reach = max(REACH_FACTOR * step, LEAST_REACH)
     return Q, iterations, False, True, slack
 
 

@@ -11,7 +11,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.math.nmpc_kernel import HorizonData, evaluate
+from saphari_drake.math.nmpc_kernel import HorizonData, evaluate, no_multipliers
 from saphari_drake.math.nmpc_rows import distance_rows, slip_rows
 
 Array = NDArray[np.float64]
@@ -122,8 +122,7 @@ NONE = np.zeros(0, dtype=np.int64)
 
 def _cost(data: HorizonData, R_ref: Array, p_ref: Array, p_WO: Array, radius: Array, q: NDArray) -> object:
     x = _values(q)
-    none = np.zeros((2, len(data.link_C)))
-    f, g, *_ = evaluate(data, x, x[None], R_ref, p_ref, p_WO, radius, none, np.zeros((*none.shape, 3)), False, True)
+    f, g, *_ = evaluate(data, x, x[None], R_ref, p_ref, p_WO, radius, no_multipliers(), False, True)
     return _with_gradient(q, np.array([f]), g)[0]
 
 
@@ -132,11 +131,8 @@ def _distances(
 ) -> NDArray:
     n = len(q0)
     Q = _values(q).reshape(-1, n)
-    none = np.zeros((len(Q) + 1, len(data.link_C)))
-    *_, P, J = evaluate(
-        data._replace(cost_on=False), q0, Q, R_ref, p_ref, p_WO, radius, none, np.zeros((*none.shape, 3)), False, True
-    )
-    rows = distance_rows(data, q0, Q, P, J, p_WO, radius, True)
+    *_, P, J = evaluate(data._replace(cost_on=False), q0, Q, R_ref, p_ref, p_WO, radius, no_multipliers(), False, True)
+    rows = distance_rows(data, q0, Q, P, J, p_WO, radius, np.inf, True)
     return _with_gradient(q, rows.z, _spread(rows.stage, rows.a, rows.b, Q.size))
 
 

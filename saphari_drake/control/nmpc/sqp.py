@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.control.nmpc.qp_solvers import make_qp_solver
 from saphari_drake.control.nmpc.program import build_program, solve_program
+from saphari_drake.control.nmpc.qp_solvers import make_qp_solver
 from saphari_drake.math import nmpc_sqp
+from saphari_drake.math.nmpc_kernel import no_multipliers
 from saphari_drake.math.nmpc_sqp import Scene
 from saphari_drake.port_values import NmpcStatus
 
@@ -87,15 +88,15 @@ def _solve_with(problem: NmpcProblem, scene: Scene, guess: Array, iterations: in
     p, data = problem.params, problem.data
     qp_solver = make_qp_solver(p.qp_solver, problem)
     Q = nmpc_sqp.feasible_start(data, scene.q0, guess)
-    weight, pull = np.zeros((problem.N + 1, len(data.c))), np.zeros((problem.N + 1, len(data.c), 3))
-    penalty, slack = 0.0, 0.0
+    multipliers, penalty, slack = no_multipliers(), 0.0, 0.0
     for count in range(1, iterations + 1):
-        qp = nmpc_sqp.linearize(data, scene, Q, weight, pull, p.exact_hessian and iterations > 1)
-        delta, multipliers, slacks, largest = qp_solver(qp)
+        qp = nmpc_sqp.linearize(data, scene, Q, multipliers, p.exact_hessian and iterations > 1, np.inf)
+        delta, lam, slacks, largest = qp_solver(qp)
         slack = nmpc_sqp.slack_length(data, scene, qp.rows, slacks)
         if np.max(np.abs(delta)) <= p.tolerance:
             return Q + delta, count, True, slack
         penalty = max(penalty, min(2.0 * largest, p.slack_penalty))
         Q, _ = nmpc_sqp.search(data, scene, Q, qp, delta, penalty, float(np.sum(slacks)))
-        weight, pull = nmpc_sqp.curvature(data, scene, qp.rows, multipliers)
+        if not data.swept:
+            multipliers = nmpc_sqp.positive(qp.rows, lam)
     return Q, iterations, False, slack
