@@ -8,7 +8,16 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.null_space_run import CASES, NullSpaceScenario, Run, Runs, build, comparison, replay
+from saphari_drake.simulation.null_space_run import (
+    CASES,
+    NullSpaceScenario,
+    Run,
+    Runs,
+    build,
+    comparison,
+    replay,
+    speed,
+)
 
 RUNS = Runs()
 
@@ -61,7 +70,7 @@ def judged(result: Run, reference: Run) -> list[Metric]:
         Metric("peak_force_N", float(force.max()), "N"),
         Metric("residual_error_Nm", float(np.abs(estimate.mean(axis=0)).max()), "Nm"),
         Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
-        Metric("real_time_factor", scenario.duration / result.wall, "1", 1.0, decides=False),
+        *speed(result),
     ]
 
 

@@ -7,7 +7,16 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.null_space_run import CASES, NullSpaceScenario, Run, Runs, build, comparison, replay
+from saphari_drake.simulation.null_space_run import (
+    CASES,
+    NullSpaceScenario,
+    Run,
+    Runs,
+    build,
+    comparison,
+    replay,
+    speed,
+)
 from saphari_drake.simulation.task_motion import StraightMotionParameters
 
 RUNS = Runs()
@@ -45,7 +54,7 @@ def run(scenario: NullSpaceScenario, options: RunOptions) -> Outcome:
 
 def judged(result: Run, free: Run, reference: Run) -> list[Metric]:
     """Return the metrics of the contract, and those that explain them."""
-    scenario, observed = result.setup.scenario, result.setup.scenario.case != "none"
+    observed = result.setup.scenario.case != "none"
     none = rms(reference)
     force = np.linalg.norm(result.log["contact"][:, :3], axis=1)
     away = np.abs(result.log["position"] - free.log["position"]).max()
@@ -59,7 +68,7 @@ def judged(result: Run, free: Run, reference: Run) -> list[Metric]:
         Metric("contact_time_s", float(np.sum(force > 0.0)) * float(np.diff(result.log.time[:2])[0]), "s", low=1.0),
         Metric("joint_displacement_max_rad", float(away), "rad"),
         Metric("torque_excess_max_Nm", float(np.abs(result.log["torque_excess"]).max()), "Nm"),
-        Metric("real_time_factor", scenario.duration / result.wall, "1", 1.0, decides=False),
+        *speed(result),
     ]
 
 

@@ -1,5 +1,7 @@
 """The laws of Section 5 in a plain closed loop: exact model and measurement, constant force on the arm."""
 
+from copy import copy
+
 import numpy as np
 
 from saphari_drake.control.null_space_compliance import NullSpaceComplianceController
@@ -14,11 +16,20 @@ from saphari_drake.estimation.momentum_observer import advance_integral, discret
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 
+def bent(seed):
+    """Return a random posture away from singularities of the position of the last link."""
+    rng = np.random.default_rng(seed)
+    spread = [2.0, 0.4, 0.8, 0.3, 1.0, 0.3, 1.0]
+    return np.array([0.0, 0.5, 0.0, 1.4, 0.0, 1.0, 0.0]) + rng.uniform(-1.0, 1.0, 7) * spread
+
+
 class Loop:
-    """Steps of one period; `sign` −1 gives the printed observer."""
+    """Steps of one period from rest at home; `sign` −1 gives the printed observer."""
 
     def __init__(self, robot, observer, q, *, period=0.002, sign=1.0, **params):
-        self.robot, self.q, self.v, self.sign = robot, np.array(q), np.zeros(robot.n), sign
+        self.robot = robot = copy(robot)
+        robot.home = np.array(q)
+        self.q, self.v, self.sign = np.array(q), np.zeros(robot.n), sign
         self.params = NullSpaceComplianceParameters(
             observer=observer, period=period, null_stiffness=10.0, null_damping=5.0, **params
         )
@@ -33,16 +44,25 @@ class Loop:
         self.integral = self.terms.p
         self.V_d = self.A_d = np.zeros(6)
 
+    @classmethod
+    def pushed(cls, robot, observer, q, seed):
+        """Return loops without and with an observer, and a random push of 8 N: force and where it acts."""
+        rng = np.random.default_rng(100 + seed)
+        F = rng.normal(size=3)
+        where = {"link": int(rng.integers(2, 5)), "p_LC": (0.0, 0.06, float(rng.uniform(0.05, 0.15)))}
+        return cls(robot, "none", q), cls(robot, observer, q), 8.0 * F / np.linalg.norm(F), where
+
     def step(self, F_W=None, link=2, p_LC=(0.0, 0.0, 0.12), tau_ext=None):
         """Apply the law and a force on the arm (or its joint torque) over one period; return the task error."""
         self.terms = d = evaluate_dynamics(self.robot, self.q, self.v)
         self.task, R, p, V = self.controller.kinematics(d)
-        self.e = task_error(R, p, V, self.R_d, self.p_d, self.V_d, self.A_d, self.controller.m)
+        gains = self.controller.gains
+        self.e = task_error(R, p, V, self.R_d, self.p_d, self.V_d, self.A_d, gains.reach, self.controller.m)
         self.tau_ext = -d.point(link, np.array(p_LC)).Jv_WC.T @ F_W if tau_ext is None else tau_ext
         r = residual(d.p, self.integral, self.gain)
         momentum, period = self.params.observer == "momentum", self.params.period
         estimate = -r if momentum else self.estimate
-        force = task_force(self.controller.observer, self.task, self.e, estimate, d.v, self.controller.gains)
+        force = task_force(self.controller.observer, self.task, self.e, estimate, d.v, gains)
         stiffness, damping = np.full(self.robot.n, 10.0), np.full(self.robot.n, 5.0)
         torque = self.task.J.T @ (force.task + force.compensation) + d.Cv + d.g
         torque += null_space_torque(self.task, self.rest - self.q, d.M, stiffness, damping, period)

@@ -8,6 +8,7 @@ from null_space_loop import Loop
 from saphari_drake.control.null_space_stability import gamma_bound, require_gamma
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
+from saphari_drake.math.task_space import sampled_damping
 
 F_W = np.array([3.0, -15.0, 4.0])
 HOME = np.deg2rad([0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
@@ -24,19 +25,22 @@ def test_printed_sign_diverges_and_corrected_converges(lwr4, observer):
 
 
 def test_energy_of_proposition_1_never_grows(lwr4):
-    """V = ½ sᵀΛ_x s + ½ τ̃ᵀΓ τ̃ falls along a run with a constant external torque, by sᵀK s."""
-    loop = Loop(lwr4, "task_error", HOME, period=2e-4)
+    """V = ½ sᵀΛ_x s + ½ τ̃ᵀΓ τ̃ falls along a run with a constant external torque, in all by ∫ sᵀK s dt."""
+    period = 2e-4
+    loop = Loop(lwr4, "task_error", HOME, period=period)
     loop.p_d = loop.p_d + np.array([0.03, -0.02, 0.02])
     constant, Gamma = np.array([2.0, -1.0, 0.5, 1.0, 0.2, 0.3, 0.0]), np.linalg.inv(loop.Gamma_inv)
-    energy = []
+    energy, lost = [], 0.0
     for _ in range(2500):
         loop.step(tau_ext=constant)
-        s = loop.e.velocity + loop.controller.gains.P * loop.e.error
+        g = loop.controller.gains
+        s = loop.e.velocity + g.P * loop.e.pull
         wrong = constant - loop.before
         energy.append(0.5 * s @ loop.task.Lambda @ s + 0.5 * wrong @ Gamma @ wrong)
+        lost += period * s @ sampled_damping(g.K, loop.task.Lambda, period, s)
     energy = np.array(energy)
     assert np.diff(energy).max() < 2e-4 * energy[0]
-    assert energy[-1] < energy[0]
+    assert energy[0] - energy[-1] == pytest.approx(lost, rel=0.05)
 
 
 def test_only_the_part_that_the_task_feels_converges(lwr4):
@@ -58,6 +62,16 @@ def test_system_integrates_its_drive_and_clones(lwr4):
     twin = bench.clone()
     twin.run(observer_drive=np.ones(7))
     np.testing.assert_allclose(bench.read("torque_estimated"), 10 * 0.005 / 0.5 * np.arange(7.0))
+
+
+def test_estimate_is_forgotten_while_the_task_yields(lwr4):
+    """τ̂ decays with `forget_rate` times `yielding`."""
+    params = DisturbanceObserverParameters(Gamma=[1.0], period=0.005, forget_rate=10.0)
+    bench = Bench(DisturbanceObserver(lwr4, params), observer_drive=np.ones(7), yielding=0.0)
+    bench.run(20)
+    before = bench.read("torque_estimated")
+    bench.run(20, observer_drive=np.zeros(7), yielding=0.5)
+    np.testing.assert_allclose(bench.read("torque_estimated"), np.exp(-0.5) * before)
 
 
 def test_gamma_bound_is_the_stated_one():

@@ -13,6 +13,7 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 from saphari_drake.control.null_space_laws import (
     MOMENTUM,
     NONE,
+    TASK_ERROR,
     TASK_ERROR_PD,
     FrameState,
     TaskGains,
@@ -76,8 +77,8 @@ class NullSpaceComplianceController(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     torque_estimated : n (Nm), τ̂ from `DisturbanceObserver`; needed with task_error and task_error_pd.
-    residual : n (Nm), from `MomentumObserver`; needed with momentum. With the other observers optional, for the
-        threshold alone, which otherwise sees τ̂, and nothing at all with the observer none.
+    residual : n (Nm), from `MomentumObserver`; needed with momentum, and with the others for the threshold, unless it
+        is infinite.
     desired_pose : abstract `RigidTransform` in the world, optional; default: the pose at the start.
     desired_velocity, desired_acceleration : 6 ([ω; v] in the world, and its derivative), optional; default: zero.
     nominal_posture : n (rad or m), optional; the posture that the body tends to, default: the robot's home.
@@ -89,15 +90,16 @@ class NullSpaceComplianceController(LeafSystem):
     yielding : 1, from 0 (the task is kept) to 1 (it yields: damping alone, no compensation).
 
     Law: τ = Jᵀ F + P_cᵀ(…) + C q̇ + g with F from `task_force` and the null space from `null_space_torque`.
-    Above `torque_threshold` F turns smoothly into damping, so that the whole arm yields, and back below it.
+    Above `torque_threshold` F turns smoothly into damping, so that the whole arm yields, and back below it; the frame
+    then returns with no more than `return_speed`.
     Stability (Propositions 1 to 3) holds for a constant external torque below the threshold, no torque cut off, and
     postures away from singularities of the task, near which it gives way instead of asking for large torque.
     """
 
     def __init__(self, robot: RobotModel, params: NullSpaceComplianceParameters | None = None) -> None:
         super().__init__()
-        self._robot, self._params = robot, params or NullSpaceComplianceParameters()
-        p, n = self._params, robot.n
+        self._robot, self.params = robot, params or NullSpaceComplianceParameters()
+        p, n = self.params, robot.n
         self.m, self.observer = TASKS[p.task], OBSERVERS.index(p.observer)
         if not n > self.m:
             raise ParameterError("task", f"{p.task} leaves no null space on {robot.name}, which has {n} joints")
@@ -154,8 +156,12 @@ class NullSpaceComplianceController(LeafSystem):
             gain(p.K_v, p.K_v, "K_v"),
             gain(p.K_p, p.K_p, "K_p"),
             gain(1.0, p.rotation_length, "scale"),
+            np.ones(2),
             float(p.period),
         )
+        g = self.gains
+        rate = {TASK_ERROR: g.P, MOMENTUM: g.K_p / g.K_v}.get(self.observer, g.K_x / g.D)  # speed an error asks for
+        self.gains = g._replace(reach=np.array([p.return_speed, p.return_turn]) / [rate[-3:].max(), rate[:3].max()])
         self._fade = float(np.exp(-p.period / p.yield_time))
         self._yield_damping = float(p.yield_damping)
         self._stiffness = diagonal(p.null_stiffness, self._robot.n, "null_stiffness")
@@ -197,21 +203,22 @@ class NullSpaceComplianceController(LeafSystem):
         return memory
 
     def _estimates(self, context: Context) -> tuple[Array, Array]:
-        """Return τ̂ for the task, and what is known of the external torque for the threshold (n,)."""
-        seen = -self._residual.Eval(context) if self._residual.HasValue(context) else None
-        if self.observer == MOMENTUM:
-            if seen is None:
-                raise StateError("residual: not connected, but the observer 'momentum' needs it")
-            return seen, seen
-        if self.observer == NONE:
-            return self._zero, self._zero if seen is None else seen
+        """Return τ̂ for the task, and what the residual says of the external torque for the threshold (n,)."""
+        name, seen = self.params.observer, self._zero
+        if self._residual.HasValue(context):
+            seen = -self._residual.Eval(context)
+        elif self.observer == MOMENTUM:
+            raise StateError(f"residual: not connected, but the observer '{name}' needs it")
+        elif math.isfinite(self.params.torque_threshold):
+            raise StateError("residual: not connected, but torque_threshold needs it (set it to inf to do without)")
+        if self.observer in (MOMENTUM, NONE):
+            return seen if self.observer == MOMENTUM else self._zero, seen
         if not self._estimated.HasValue(context):
-            raise StateError(f"torque_estimated: not connected, but the observer '{self._params.observer}' needs it")
-        estimate = self._estimated.Eval(context)
-        return estimate, estimate if seen is None else seen
+            raise StateError(f"torque_estimated: not connected, but the observer '{name}' needs it")
+        return self._estimated.Eval(context), seen
 
     def _evaluate(self, context: Context) -> _Output:
-        p, robot, memory = self._params, self._robot, self._remembered(context)
+        p, robot, memory = self.params, self._robot, self._remembered(context)
         terms: DynamicsTerms = self._dynamics.Eval(context)
         X_WD = self._pose.Eval(context) if self._pose.HasValue(context) else memory.X_WD or self._pose_of(terms)
         V, A = (_value(port, context, self._rest) for port in (self._velocity, self._acceleration))

@@ -29,7 +29,8 @@ class TaskError(NamedTuple):
 
     error: Array  # (m,) x̃: x_d − x (m), log(R_d Rᵀ)^∨ (rad)
     velocity: Array  # (m,) x_d' − x', desired minus actual velocity
-    error_rate: Array  # (m,) time derivative of `error`; differs from `velocity` for large rotations
+    pull: Array  # (m,) x̃ as the feedback sees it: `limited`
+    pull_rate: Array  # (m,) its time derivative
     acceleration: Array  # (m,) desired acceleration
 
 
@@ -44,6 +45,7 @@ class TaskGains(NamedTuple):
     K_v: Array  # (m,) 1/s, Proposition 3
     K_p: Array  # (m,) 1/s², Proposition 3
     scale: Array  # (m,) 1, or m/rad: length that makes rotation comparable
+    reach: Array  # (2,) m and rad, largest error that the feedback sees
     period: float  # s
 
 
@@ -89,15 +91,28 @@ def rotation_rate(e: Array, w_desired: Array, w: Array) -> Array:
 
 
 @njit(cache=True)
-def task_error(R: Array, p: Array, V: Array, R_d: Array, p_d: Array, V_d: Array, A_d: Array, m: int) -> TaskError:
+def limited(error: Array, rate: Array, reach: float) -> tuple[Array, Array]:
+    """Return φ x̃ with φ = (1 + (‖x̃‖/reach)⁴)^{−1/4}, never longer than `reach`, and its time derivative (3,).
+
+    Far from the target the feedback then pulls with bounded speed; at a tenth of `reach` it differs from x̃ by 3e-5.
+    """
+    ratio = np.sum(error * error) / reach**2
+    share = (1.0 + ratio * ratio) ** -0.25
+    turn = share**5 * ratio * np.sum(error * rate) / reach**2
+    return share * error, share * rate - turn * error
+
+
+@njit(cache=True)
+def task_error(R, p, V, R_d, p_d, V_d, A_d, reach, m) -> TaskError:
     """Return the error of a frame at (R, p) moving with V = [ω; v] from a desired motion, of which m = 3 or 6 count."""
-    velocity, way = V_d - V, p_d - p
-    if m == 3:
-        return TaskError(way, velocity[3:], velocity[3:], A_d[3:])
-    error, rate = np.empty(6), velocity.copy()
-    error[:3], error[3:] = rotation_log(product(R_d, R.T)), way
-    rate[:3] = rotation_rate(error[:3], V_d[:3], V[:3])
-    return TaskError(error, velocity, rate, A_d)
+    velocity = V_d - V
+    error, pull, rate = np.empty(m), np.empty(m), np.empty(m)
+    error[m - 3 :] = p_d - p
+    pull[m - 3 :], rate[m - 3 :] = limited(error[m - 3 :], velocity[3:], reach[0])
+    if m == 6:
+        error[:3] = rotation_log(product(R_d, R.T))
+        pull[:3], rate[:3] = limited(error[:3], rotation_rate(error[:3], V_d[:3], V[:3]), reach[1])
+    return TaskError(error, velocity[6 - m :], pull, rate, A_d[6 - m :])
 
 
 @njit(cache=True)
@@ -114,7 +129,8 @@ def task_force(observer: int, task: TaskSpace, e: TaskError, estimate: Array, v:
     - TASK_ERROR_PD (43): Λ_x x̃'' + (μ_x + D)x̃' + K x̃ = J_M^{#T}(τ_ext − τ̂); NONE: the same with τ̂ = 0.
     - MOMENTUM (46): x̃'' + K_v x̃' + K_p x̃ = Λ_x⁻¹J_M^{#T}(τ_ext − τ̂) with τ̂ = −r.
 
-    Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`.
+    Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`, and
+    x̃ as `limited`, which is x̃ itself unless the frame is far from its target.
 
     Parameters
     ----------
@@ -132,14 +148,14 @@ def task_force(observer: int, task: TaskSpace, e: TaskError, estimate: Array, v:
     feedforward = e.acceleration - apply(task.Jdot, v)
     compensation, idle = apply(task.J_inv.T, estimate), np.zeros(len(v))
     if observer == TASK_ERROR:
-        s = e.velocity + gains.P * e.error
-        force = apply(task.Lambda, feedforward + gains.P * e.error_rate) + task_coriolis(task, s)
+        s = e.velocity + gains.P * e.pull
+        force = apply(task.Lambda, feedforward + gains.P * e.pull_rate) + task_coriolis(task, s)
         force += sampled_damping(gains.K, task.Lambda, gains.period, s)
         return TaskForce(force, compensation, apply(task.J_inv, s))
     if observer == MOMENTUM:
-        force = apply(task.Lambda, feedforward + gains.K_v * e.velocity + gains.K_p * e.error)
+        force = apply(task.Lambda, feedforward + gains.K_v * e.velocity + gains.K_p * e.pull)
         return TaskForce(force, compensation, idle)
-    force = apply(task.Lambda, feedforward) + task_coriolis(task, e.velocity) + gains.K_x * e.error
+    force = apply(task.Lambda, feedforward) + task_coriolis(task, e.velocity) + gains.K_x * e.pull
     force += sampled_damping(gains.D, task.Lambda, gains.period, e.velocity)
     if observer == NONE:
         return TaskForce(force, np.zeros(len(compensation)), idle)
@@ -205,7 +221,7 @@ def command_terms(
     """
     now = frame_state(parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, p_LE, max_mass)
     task, m = now.task, len(max_mass)
-    e = task_error(now.R, now.p, now.V, R_d, p_d, V_d, A_d, m)
+    e = task_error(now.R, now.p, now.V, R_d, p_d, V_d, A_d, gains.reach, m)
     force = task_force(observer, task, e, estimate, v, gains)
     loose = -apply(task.Lambda, apply(task.Jdot, v) + yield_damping * now.V[6 - m :])
     keep = 1.0 - yielding

@@ -45,14 +45,17 @@ class NullSpaceComplianceParameters:
     # Nm/rad and Nms/rad (N/m, Ns/m for prismatic joints); impedance of the body; one value or one a joint.
     null_stiffness: list[float] | float = field(default_factory=lambda: [10.0, 10.0, 10.0, 10.0, 5.0, 5.0, 2.0])
     null_damping: list[float] | float = field(default_factory=lambda: [8.0, 8.0, 5.0, 5.0, 2.0, 1.0, 0.5])
-    # Nm; largest external joint torque for which the task is kept; .inf: always.
+    # Nm; largest external joint torque, by the residual, for which the task is kept; .inf: always.
     torque_threshold: float = 50.0
     # Nm; the task yields fully this far above the threshold.
     threshold_band: float = 10.0
     # s; time constant with which the task begins and ceases to yield.
     yield_time: float = 0.1
     # 1/s; damping over inertia of a task that yields.
-    yield_damping: float = 10.0
+    yield_damping: float = 25.0
+    # m/s and rad/s; how fast, about, an error alone pulls the frame to its target, as after it has yielded.
+    return_speed: float = 0.25
+    return_turn: float = 1.0
     # kg and kg m²; bound of the effective inertia near singularities.
     max_effective_mass: float = 50.0
     max_effective_inertia: float = 5.0
@@ -68,7 +71,7 @@ class NullSpaceComplianceParameters:
                 raise ParameterError(name, f"needs one value or three, got {getattr(self, name)}")
         require_positive(
             self, "gamma", "rotation_length", "null_stiffness", "null_damping", "threshold_band", "yield_time",
-            "yield_damping", "max_effective_mass", "max_effective_inertia", "period",
+            "yield_damping", "return_speed", "return_turn", "max_effective_mass", "max_effective_inertia", "period",
         )  # fmt: skip
         require_non_negative(self, "gamma_region")
         if not self.torque_threshold > 0.0:

@@ -24,11 +24,13 @@ class DisturbanceObserverParameters:
     # Diagonal of Γ instead, one value or one a joint; empty: as above. A small one suits continuous time: 0.002 makes a
     # loop of 400 1/s through the wrist of the LWR4, which is unstable at a cycle of 2 ms. A.
     Gamma: list[float] | float = field(default_factory=list)
+    # 1/s; how fast the estimate is forgotten while the task yields: what it held has not to do with what comes after. A.
+    forget_rate: float = 10.0
     # s; the control cycle.
     period: float = 0.002
 
     def __post_init__(self) -> None:
-        require_positive(self, "rate", "period")
+        require_positive(self, "rate", "forget_rate", "period")
         if np.size(self.Gamma):
             require_positive(self, "Gamma")
 
@@ -59,6 +61,7 @@ class DisturbanceObserver(LeafSystem):
         name: DisturbanceObserver
         input_ports:
         - observer_drive
+        - yielding
         output_ports:
         - torque_estimated
 
@@ -66,6 +69,7 @@ class DisturbanceObserver(LeafSystem):
     -----
     observer_drive : n (rad/s or m/s), y from `NullSpaceComplianceController`; zero while its torque is cut or its task
         yields, so that the estimate does not wind up.
+    yielding : 1, from the same controller, optional; τ̂ decays at `forget_rate` times this.
     torque_estimated : n (Nm), τ̂; starts at zero.
 
     Law: `advance_estimate`. Only J_M^{#T}τ̂, the part that moves the task, converges to that of τ_ext; τ̂ itself stays
@@ -75,12 +79,13 @@ class DisturbanceObserver(LeafSystem):
     def __init__(self, robot: RobotModel, params: DisturbanceObserverParameters | None = None) -> None:
         super().__init__()
         params = params or DisturbanceObserverParameters()
-        self._period = params.period
+        self._period, self._forget = params.period, params.forget_rate
         if np.size(params.Gamma):
             self.Gamma_inv = np.diag(1.0 / diagonal(params.Gamma, robot.n, "Gamma"))
         else:
             self.Gamma_inv = params.rate**2 * evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).M
         self._drive = self.DeclareVectorInputPort("observer_drive", BasicVector(robot.n))
+        self._yielding = self.DeclareVectorInputPort("yielding", BasicVector(1))
         self._estimate = self.DeclareDiscreteState(robot.n)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
         self.DeclareStateOutputPort("torque_estimated", self._estimate)
@@ -88,4 +93,6 @@ class DisturbanceObserver(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         estimate = np.array(context.get_discrete_state(self._estimate).value())
         estimate = advance_estimate(estimate, self._drive.Eval(context), self.Gamma_inv, self._period)
+        if self._yielding.HasValue(context):
+            estimate = estimate * np.exp(-self._period * self._forget * self._yielding.Eval(context)[0])
         state.get_mutable_discrete_state(self._estimate).SetFromVector(estimate)

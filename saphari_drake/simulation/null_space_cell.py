@@ -68,6 +68,7 @@ def add_null_space_control(
         (momentum, "residual", controller, "residual"),
         (disturbance, "torque_estimated", controller, "torque_estimated"),
         (controller, "observer_drive", disturbance, "observer_drive"),
+        (controller, "yielding", disturbance, "yielding"),
         (controller, "torque_commanded", momentum, "torque_commanded"),
     )
     for source, output, target, target_port in wires:

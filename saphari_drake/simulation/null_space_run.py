@@ -1,5 +1,6 @@
 """What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
 
+import time
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.contact_run import load_robot
-from saphari_drake.simulation.experiment import RunOptions, advance
+from saphari_drake.simulation.experiment import Metric, RunOptions, advance
 from saphari_drake.simulation.figures import CYCLE, blank, legend
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.null_space_cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
@@ -43,7 +44,7 @@ class NullSpaceScenario:
     """Everything a run depends on."""
 
     case: str = "momentum"
-    # Seed of where the obstacle touches.
+    # Seed of where the obstacle touches and from which direction.
     seed: int = 0
     # s.
     duration: float = 16.0
@@ -53,6 +54,8 @@ class NullSpaceScenario:
     home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
     # m; the obstacle misses the aimed point by up to this along the link.
     aim_spread: float = 0.01
+    # deg; and its direction differs from the given one by up to this.
+    direction_spread: float = 5.0
     # Whether the end effector moves along `motion`, or stays.
     moving: bool = False
     motion: StraightMotionParameters = field(default_factory=StraightMotionParameters)
@@ -77,6 +80,7 @@ class Run:
     setup: Setup
     log: Log
     wall: float  # s
+    cpu: float  # s; time of the processor, which other programs do not lengthen
 
     def task_forces(self) -> tuple[Array, Array, Array]:
         """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
@@ -120,11 +124,15 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
 
 
 def _aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
-    """Return the system's parameters with the obstacle shifted along the touched link by the seed."""
+    """Return the system's parameters with the obstacle shifted along the touched link and turned by the seed."""
     system: NullSpaceCellParameters = deepcopy(scenario.system)
-    shift = scenario.aim_spread * float(np.random.default_rng(scenario.seed).uniform(-1.0, 1.0))
+    rng = np.random.default_rng(scenario.seed)
+    shift, turn = scenario.aim_spread * rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0) * np.pi
+    tilt = np.tan(np.deg2rad(scenario.direction_spread * rng.uniform()))
     for touch in (system.cell.ball.touch, system.cell.wall.touch):
-        touch.aim = [touch.aim[0], touch.aim[1], touch.aim[2] + shift]
+        touch.aim = [*touch.aim[:2], touch.aim[2] + float(shift)]
+        R_WD = RotationMatrix.MakeFromOneVector(touch.direction, 2)
+        touch.direction = R_WD.multiply([tilt * np.cos(turn), tilt * np.sin(turn), 1.0]).tolist()
     return system
 
 
@@ -141,6 +149,15 @@ def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
     for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
         recorder.add(name, parts.controller.GetOutputPort(name), unit)
     return recorder
+
+
+def speed(*runs: Run) -> list[Metric]:
+    """Return how much faster than real time the slowest run is, on the clock and on one core for itself."""
+    wall, core = (min(run.setup.scenario.duration / getattr(run, name) for run in runs) for name in ("wall", "cpu"))
+    return [
+        Metric("real_time_factor", wall, "1", 1.0, decides=False),
+        Metric("real_time_factor_one_core", core, "1", 1.0, decides=False),
+    ]
 
 
 def contact_on_robot(results: ContactResults) -> Array:
@@ -173,8 +190,10 @@ class Runs:
             simulator = Simulator(setup.diagram)
             simulator.set_target_realtime_rate(options.realtime_rate)
             simulator.Initialize()
+            start = time.process_time()
             wall = advance(simulator, scenario.duration, observer)
-            self._done[key] = Run(setup, setup.recorder.log(setup.diagram, simulator.get_context()), wall)
+            cpu, log = time.process_time() - start, setup.recorder.log(setup.diagram, simulator.get_context())
+            self._done[key] = Run(setup, log, wall, cpu)
         return self._done[key]
 
 
@@ -183,27 +202,26 @@ def comparison(runs: Mapping[str, Run], title: str) -> Figure:
     figure, grid = blank(5, 1, title, share_time=True)
     axes = grid[:, 0]
     heads = (
-        ("Task error", "‖x̃‖ [mm]"),
+        ("Task error", "‖x̃‖ [mm], log"),
         ("Task error with an observer", "‖x̃‖ [mm]"),
-        ("Contact force", "‖F‖ [N]"),
-        ("Elbow displacement", "[mm]"),
-        ("External torque as the task feels it, estimated and true (dotted)", "‖τ‖ at the task [N]"),
+        ("Contact force (the cases differ little)", "‖F‖ [N]"),
+        ("Elbow displacement (the cases differ little)", "distance [mm]"),
+        ("External torque as the task feels it, estimated", "‖J_M^{#T} τ‖ [N]"),
     )
     for ax, (head, label) in zip(axes, heads):
         ax.set_title(head, loc="left")
         ax.set_ylabel(label)
-    for (case, run), color in zip(runs.items(), CYCLE):
-        t, style = run.log.time, {"color": color, "label": case}
-        axes[0].plot(t, 1e3 * run.error(), **style)
-        if case != "none":
-            axes[1].plot(t, 1e3 * run.error(), **style)
+    for (case, run), color, width in zip(runs.items(), CYCLE, (3.6, 2.6, 1.7, 0.9)):
+        t, style = run.log.time, {"color": color, "label": case, "linewidth": width}
+        axes[0].semilogy(t, np.maximum(1e3 * run.error(), 1e-5), color=color, label=case, linewidth=1.0)
         axes[2].plot(t, np.linalg.norm(run.log["contact"][:, :3], axis=1), **style)
         axes[3].plot(t, 1e3 * run.elbow(), **style)
-        true, observed, residual = run.task_forces()
+        true, observed, residual = (np.linalg.norm(force, axis=1) for force in run.task_forces())
         if case != "none":
-            estimate = residual if case == "momentum" else observed
-            axes[4].plot(t, np.linalg.norm(estimate, axis=1), **style)
-        axes[4].plot(t, np.linalg.norm(true, axis=1), ":", color=color)
+            axes[1].plot(t, 1e3 * run.error(), color=color, label=case)
+            axes[4].plot(t, residual if case == "momentum" else observed, **style)
+        else:
+            axes[4].plot(t, true, ":", color="black", linewidth=2.5, label="true, none", zorder=5)
     for ax in axes:
         legend(ax)
     figure.align_ylabels()

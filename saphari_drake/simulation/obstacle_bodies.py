@@ -31,8 +31,8 @@ class Touch:
 
     # Link whose cover is touched. The covers of neighbours overlap at a joint, where both would push: they do not.
     link: str = "link_3"
-    # m; point of the link, in its frame, that the contact is aimed at.
-    aim: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.12])
+    # m; point of the link, in its frame, that the contact is aimed at: here the fourth joint.
+    aim: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.2])
     # Direction of the push on the arm, in the world.
     direction: list[float] = field(default_factory=lambda: [0.0, -1.0, 0.0])
 

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_non_negative, require_positive
 
 Array = NDArray[np.float64]
@@ -24,11 +25,13 @@ class StraightMotionParameters:
     start: float = 0.5
     travel_time: float = 3.0
     pause: float = 1.0
+    # s; period with which the motion is sampled: that of the controller which follows it.
+    period: float = 0.002
 
     def __post_init__(self) -> None:
         if np.shape(self.displacement) != (3,):
             raise ParameterError("displacement", f"needs three entries, got {self.displacement}")
-        require_positive(self, "travel_time")
+        require_positive(self, "travel_time", "period")
         require_non_negative(self, "start", "pause")
 
 
@@ -45,7 +48,7 @@ def straight_motion(params: StraightMotionParameters, time: float) -> tuple[floa
 
 
 class StraightMotion(LeafSystem):
-    """Desired pose, velocity and acceleration along a straight line, with constant orientation.
+    """Desired pose, velocity and acceleration along a straight line, with constant orientation, held over each period.
 
     .. pydrake_system::
 
@@ -62,18 +65,24 @@ class StraightMotion(LeafSystem):
     def __init__(self, start: RigidTransform, params: StraightMotionParameters) -> None:
         super().__init__()
         self._start, self._params, self._way = start, params, np.asarray(params.displacement)
-        now = {self.time_ticket()}
+        self._sampled = self.DeclareDiscreteState(3)  # share of the way, its rate and second derivative
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._sample)
+        held = {self.discrete_state_ticket(self._sampled)}
         alloc = lambda: AbstractValue.Make(RigidTransform())  # noqa: E731
-        self.DeclareAbstractOutputPort("desired_pose", alloc, self._pose, now)
+        self.DeclareAbstractOutputPort("desired_pose", alloc, self._pose, held)
         for order, name in ((1, "desired_velocity"), (2, "desired_acceleration")):
             self.DeclareVectorOutputPort(
-                name, BasicVector(6), lambda context, output, k=order: self._rate(context, output, k), now
+                name, BasicVector(6), lambda context, output, k=order: self._rate(context, output, k), held
             )
 
+    def _sample(self, context: Context, state: State) -> None:
+        values = straight_motion(self._params, context.get_time())
+        state.get_mutable_discrete_state(self._sampled).SetFromVector(values)
+
     def _pose(self, context: Context, output: AbstractValue) -> None:
-        share = straight_motion(self._params, context.get_time())[0]
+        share = context.get_discrete_state(self._sampled).value()[0]
         output.set_value(RigidTransform(self._start.rotation(), self._start.translation() + share * self._way))
 
     def _rate(self, context: Context, output: BasicVector, order: int) -> None:
-        value = straight_motion(self._params, context.get_time())[order]
+        value = context.get_discrete_state(self._sampled).value()[order]
         output.SetFromVector(np.concatenate([np.zeros(3), value * self._way]))
