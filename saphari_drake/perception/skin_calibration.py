@@ -6,92 +6,18 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from saphari_drake.errors import SensorError, StateError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.skin_indenter import IndenterData, IndenterParameters, indent
 from saphari_drake.perception.skin_layout import SkinLayout
-from saphari_drake.perception.skin_modules import CELLS, SkinModules, Touch, neighbour_table
+from saphari_drake.perception.skin_modules import CELLS, OPPOSITE, SkinModules, neighbour_table
 
 Array = NDArray[np.float64]
 
 VERSION = 1
 TERMS = 14  # 4 linear and 10 quadratic ones
 _FIRST, _SECOND = np.triu_indices(CELLS)
-
-
-@dataclass
-class IndenterParameters:
-    """How a simulated indenter presses the middle of one module after the other."""
-
-    # Presses a module, ≥ 30, and their seed.
-    presses: int = 120
-    seed: int = 0
-    # N; least and largest force into the surface, > 0.
-    least_force: float = 0.3
-    largest_force: float = 18.0
-    # Largest tangential force as a share of it. A.
-    friction: float = 0.8
-    # m; radius of the tip, which fits on one module.
-    tip_radius: float = 0.0015
-    # V; noise of a cell, and readings averaged a press.
-    noise: float = 0.001
-    averaged: int = 20
-
-    def __post_init__(self) -> None:
-        require_positive(self, "presses", "least_force", "largest_force", "tip_radius", "averaged")
-        require_non_negative(self, "seed", "friction", "noise")
-
-
-@dataclass(frozen=True)
-class IndenterData:
-    """Presses on a patch, one module at a time.
-
-    Attributes
-    ----------
-    module : (p,) int array
-        Module that was pressed.
-    f_M : (p, 3) array
-        Force on it, in its own frame (N).
-    voltages : (p, m, 4) array
-        What all cells read (V).
-    rest : (m, 4) array
-        What they read without load (V).
-    limits : (2,) array
-        Range of the converter (V).
-    """
-
-    module: NDArray[np.int64]
-    f_M: Array
-    voltages: Array
-    rest: Array
-    limits: Array
-
-
-def indent(modules: SkinModules, params: IndenterParameters | None = None) -> IndenterData:
-    """Press every module of a simulated patch with random forces inside a cone."""
-    params = params or IndenterParameters()
-    layout = modules.layout
-    rng = np.random.default_rng([params.seed, 4])
-    noise = params.noise / np.sqrt(params.averaged)
-    count = int(params.presses)
-    forces, voltages = [], []
-    for i in range(layout.count):
-        pressing = params.least_force * (params.largest_force / params.least_force) ** rng.random(count)
-        across, turn = params.friction * np.sqrt(rng.random(count)), 2.0 * np.pi * rng.random(count)
-        f_M = pressing[:, None] * np.stack([across * np.cos(turn), across * np.sin(turn), -np.ones(count)], axis=1)
-        # The load of one press spreads as that of any other: unit forces along the axes of the module.
-        unit = [modules.forces([Touch(layout.p_LM[i], axis, params.tip_radius)])[0] for axis in layout.R_LM[i].T]
-        loads = np.einsum("pa,amj->pmj", f_M, np.array(unit))
-        extra = noise * rng.standard_normal((count, layout.count, CELLS))
-        voltages.append(modules.voltages(loads, np.zeros((layout.count, 2)), extra))
-        forces.append(f_M)
-    rest = modules.voltages(
-        np.zeros((layout.count, 3)), np.zeros((layout.count, 2)), noise * rng.standard_normal((layout.count, CELLS))
-    )
-    pressed = np.repeat(np.arange(layout.count), count)
-    limits = np.array(modules.params.voltage_range, dtype=float)
-    return IndenterData(pressed, np.concatenate(forces), np.concatenate(voltages), rest, limits)
 
 
 @dataclass(frozen=True)
@@ -230,15 +156,15 @@ def calibrate(layout: SkinLayout, data: IndenterData, least_response: float = 0.
         If the data do not fit the layout, or a module that responds was pressed fewer than 30 times.
     """
     m = layout.count
-    _require_shapes(data, m)
-    dv = data.voltages - data.rest
+    data.require_fits(m)
+    dv = data.voltages[:, 0] - data.rest[data.module]
     margin = 0.01 * (data.limits[1] - data.limits[0])
     limits = data.limits + np.array([margin, -margin])
     inverse, rms, worst = np.zeros((m, 3, TERMS)), np.full(m, np.nan), np.full(m, np.nan)
     dead = []
     for i in range(m):
         own = data.module == i
-        f_M, response = data.f_M[own], dv[own, i]
+        f_M, response = data.f_M[own], dv[own]
         size = np.linalg.norm(f_M, axis=1)
         if not (np.all(np.isfinite(response)) and np.all(np.isfinite(data.rest[i]))):
             dead.append(i)
@@ -255,7 +181,7 @@ def calibrate(layout: SkinLayout, data: IndenterData, least_response: float = 0.
         inverse[i] = np.linalg.lstsq(weight * psi, weight * f_M, rcond=1e-10)[0].T
         error = np.linalg.norm(psi @ inverse[i].T - f_M, axis=1)
         rms[i], worst[i] = np.sqrt(np.mean(error**2)), error.max()
-    coupling = _fit_coupling(layout, data, dv, inverse, dead)
+    coupling = _fit_coupling(layout, data, inverse, dead)
     offset = np.where(np.isfinite(data.rest), data.rest, 0.0)
     largest = float(np.abs(data.f_M[:, 2]).max())
     return SkinCalibration(
@@ -268,7 +194,7 @@ def calibrate_modules(modules: SkinModules, params: IndenterParameters | None = 
     return calibrate(modules.layout, indent(modules, params))
 
 
-def _fit_coupling(layout: SkinLayout, data: IndenterData, dv: Array, inverse: Array, dead: list[int]) -> Array:
+def _fit_coupling(layout: SkinLayout, data: IndenterData, inverse: Array, dead: list[int]) -> Array:
     """Regress what each neighbour of a pressed module seems to feel on the force, (m, 8, 3, 3)."""
     coupling = np.zeros((layout.count, 8, 3, 3))
     table = neighbour_table(layout.rows, layout.columns)
@@ -279,16 +205,6 @@ def _fit_coupling(layout: SkinLayout, data: IndenterData, dv: Array, inverse: Ar
             pressed = data.module == j
             if j < 0 or not np.any(pressed):
                 continue
-            felt = features(dv[pressed, i]) @ inverse[i].T
+            felt = features(data.voltages[pressed, 1 + OPPOSITE[k]] - data.rest[i]) @ inverse[i].T
             coupling[i, k] = np.linalg.lstsq(data.f_M[pressed], felt, rcond=None)[0].T
     return coupling
-
-
-def _require_shapes(data: IndenterData, m: int) -> None:
-    p = len(data.module)
-    for name, shape in {"f_M": (p, 3), "voltages": (p, m, CELLS), "rest": (m, CELLS)}.items():
-        value: ArrayLike = getattr(data, name)
-        if np.shape(value) != shape:
-            raise StateError(f"indenter data: {name} has shape {np.shape(value)}; {shape} is needed")
-    if not np.all(np.isfinite(data.f_M)):
-        raise StateError("indenter data: f_M is not finite")

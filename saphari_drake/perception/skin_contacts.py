@@ -32,14 +32,19 @@ class SkinContactParameters:
     touch_force: float = 0.6
     release_force: float = 0.35
     # Share of the lower of two peaks by which it must rise above the pass between them to be a contact of its own, 0–1.
-    prominence: float = 0.15
+    prominence: float = 0.3
+    # What bells may leave, as a share of the force, before one more is tried; the share of that which this may leave to
+    # be kept; and how far (m) it must lie from the others.
+    split_error: float = 0.06
+    split_gain: float = 0.5
+    split_distance: float = 0.012
     # m; a contact this near one of the sample before goes on with it.
     travel: float = 0.01
     # Usual and least width of a bell in pitches; weights of the pulls to the usual one and to a round bell.
     usual_width: float = 0.36
     least_width: float = 0.12
     width_weight: float = 0.05
-    round_weight: float = 0.05
+    round_weight: float = 0.1
     # A module counts in the fit with 1/(floor + its force/the largest)²: bells err by a share of themselves.
     floor: float = 0.2
     # Rounds of the crosstalk's solution, turns of it and the fit for modules that are missing, most rounds of a fit.
@@ -50,7 +55,7 @@ class SkinContactParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "module_threshold", "touch_force", "release_force", "travel", "usual_width", "least_width",
-            "floor", "crosstalk_rounds", "gap_rounds", "fit_rounds",
+            "split_error", "split_gain", "split_distance", "floor", "crosstalk_rounds", "gap_rounds", "fit_rounds",
         )  # fmt: skip
         require_non_negative(self, "width_weight", "round_weight", "prominence")
         if self.prominence > 1.0:
@@ -160,23 +165,56 @@ class SkinContactLaw:
 
     def _fit(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array]:
         """Return the bells that fit the forces best, and their shares (K, m) of the modules."""
+        shapes, forces, shares = [np.empty((0, 5))], [np.empty((0, 3))], [np.empty((0, self.layout.count))]
+        for group in self._groups(start.shape[:, :2]):
+            bells, share, error = self._fit_group(f_M, usable, Bells(start.shape[group], start.force[group]))
+            if error > self.params.split_error:
+                bells, share = self._split(f_M, usable, bells, share, error)
+            shapes.append(bells.shape)
+            forces.append(bells.force)
+            shares.append(share)
+        return Bells(np.concatenate(shapes), np.concatenate(forces)), np.concatenate(shares)
+
+    def _fit_group(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array, float]:
+        """Fit bells that overlap; return them, their shares, and what they leave as a share of the force."""
         layout, params = self.layout, self.params
-        shape, force = start.shape.copy(), start.force.copy()
-        share = np.zeros((len(shape), layout.count))
         usual, least = np.log(params.usual_width * layout.pitch), np.log(params.least_width * layout.pitch)
         prior = np.array([usual, least, params.width_weight, params.round_weight])
-        for group in self._groups(shape[:, :2]):
-            distance = np.max(np.abs(layout.uv[:, None] - shape[group, :2]), axis=2).min(axis=1)
-            window = np.flatnonzero(distance < 3.5 * layout.pitch)
-            forces = np.einsum("mij,mj->mi", layout.R_LM[window], f_M[window])
-            size = np.where(usable[window], np.linalg.norm(forces, axis=1), 0.0)
-            error = params.floor + size / max(size.max(initial=0.0), 1e-9)
-            weight = np.where(usable[window], (error.max() / error) ** 2, 0.0)
-            s, f, part = shape[group], force[group], np.empty((len(group), len(window)))
-            fit_bells(layout.uv[window], layout.pitch, forces, weight, s, f, prior, int(params.fit_rounds), part)
-            shape[group], force[group] = s, f
-            share[np.ix_(group, window)] = part
-        return Bells(shape, force), share
+        distance = np.max(np.abs(layout.uv[:, None] - start.shape[:, :2]), axis=2).min(axis=1)
+        window = np.flatnonzero(distance < 3.5 * layout.pitch)
+        known = usable[window]
+        f_L = np.einsum("mij,mj->mi", layout.R_LM[window], f_M[window])
+        size = np.where(known, np.linalg.norm(f_L, axis=1), 0.0)
+        trust = params.floor + size / max(size.max(initial=0.0), 1e-9)
+        weight = np.where(known, (trust.max() / trust) ** 2, 0.0)
+        shape, force = start.shape.copy(), start.force.copy()
+        part = np.empty((len(shape), len(window)))
+        fit_bells(layout.uv[window], layout.pitch, f_L, weight, shape, force, prior, int(params.fit_rounds), part)
+        left = np.linalg.norm((f_L - part.T @ force)[known])
+        share = np.zeros((len(shape), layout.count))
+        share[:, window] = part
+        return Bells(shape, force), share, float(left / max(np.linalg.norm(size), 1e-9))
+
+    def _split(self, f_M: Array, usable: Mask, bells: Bells, share: Array, error: float) -> tuple[Bells, Array]:
+        """Return the bells with one more where they leave most pressure, if that explains much more."""
+        layout, params = self.layout, self.params
+        pressed = -bells.force @ layout.n_L.T
+        left = np.where(usable, -f_M[:, 2] - np.sum(share * pressed, axis=0), 0.0)
+        k = int(np.argmax(left))
+        near = np.max(np.abs(layout.uv - layout.uv[k]), axis=1) < 1.5 * layout.pitch
+        part = np.maximum(left[near], 0.0)
+        if part.sum() < params.touch_force:
+            return bells, share
+        new = np.zeros(5)
+        new[:2] = part @ layout.uv[near] / part.sum()
+        new[2:4] = np.log(params.usual_width * layout.pitch)
+        force = -part.sum() * layout.R_LM[k, :, 2]
+        start = Bells(np.vstack([bells.shape, new]), np.vstack([bells.force, force]))
+        more, more_share, more_error = self._fit_group(f_M, usable, start)
+        apart = np.linalg.norm(more.shape[:-1, :2] - more.shape[-1, :2], axis=1).min()
+        if more_error > params.split_gain * error or apart < params.split_distance:
+            return bells, share
+        return more, more_share
 
     def _completed(self, f_M: Array, usable: Mask, bells: Bells, share: Array) -> Bells:
         """Return the bells with the force that was measured, and their own for what was not."""

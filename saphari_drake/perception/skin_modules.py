@@ -14,6 +14,7 @@ from saphari_drake.perception.skin_layout import SkinLayout
 Array = NDArray[np.float64]
 
 CELLS = 4
+OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)  # where a module stands among the neighbours of each of its own
 _SIGN = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])  # where the cells sit, along u and v
 
 

@@ -1,0 +1,67 @@
+"""Wall time of one skin estimation on one pinned thread: 36 and 1000 modules, one and two touches, a tenth dead.
+
+Run: python tests/benchmarks/benchmark_skin.py
+"""
+
+import os
+import time
+from dataclasses import replace
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[name] = "1"
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+import numpy as np  # noqa: E402
+
+from saphari_drake.perception.skin_calibration import SkinCalibration, calibrate_modules  # noqa: E402
+from saphari_drake.perception.skin_estimator import SkinLaw  # noqa: E402
+from saphari_drake.perception.skin_indenter import IndenterParameters  # noqa: E402
+from saphari_drake.perception.skin_layout import SkinLayout, SkinLayoutParameters  # noqa: E402
+from saphari_drake.perception.skin_modules import SkinModules, Touch  # noqa: E402
+from saphari_drake.robots import catalog  # noqa: E402
+
+STEPS = 300
+NOISE = 0.001  # V
+CASES = [("36 modules", 6, 6, 1.0), ("1000 modules", 25, 40, 5.0)]
+
+
+def timed(
+    layout: SkinLayout, modules: SkinModules, calibration: SkinCalibration, touches: int, dead: int
+) -> np.ndarray:
+    """Return the wall time of each estimation (s) over random touches."""
+    rng = np.random.default_rng(0)
+    law = SkinLaw(layout, calibration)
+    start = replace(law.start(), tare_left=0)
+    seconds = np.empty(STEPS)
+    for k in range(STEPS):
+        uv = rng.uniform(-0.75, 0.75, (touches, 2)) * layout.extent
+        p_L, R_L = layout.surface(uv)
+        pressed = [Touch(p, -rng.uniform(3.0, 15.0) * R[:, 2], 0.007) for p, R in zip(p_L, R_L)]
+        extra = NOISE * rng.standard_normal((layout.count, 4))
+        voltages = modules.voltages(*modules.forces(pressed), extra)
+        voltages[rng.choice(layout.count, dead, replace=False)] = 0.0
+        begin = time.perf_counter()
+        law.sample(start, voltages, 0.0)
+        seconds[k] = time.perf_counter() - begin
+    return seconds[20:]
+
+
+def main() -> None:
+    """Print the table."""
+    robot = catalog.lwr4()
+    print(f"{'one estimation':44}{'median ms':>10}{'p95 ms':>10}")
+    for name, rows, columns, limit in CASES:
+        layout = SkinLayout(robot, SkinLayoutParameters(rows=rows, columns=columns))
+        modules = SkinModules(layout)
+        calibration = calibrate_modules(modules, IndenterParameters(presses=40))
+        for touches in (0, 1, 2, 5):
+            for dead in (0, layout.count // 10):
+                ms = 1e3 * timed(layout, modules, calibration, touches, dead)
+                verdict = f"≤ {limit} ms: {'pass' if np.median(ms) <= limit else 'FAIL'}"
+                what = f"{name}, {touches} touches, {dead} dead"
+                print(f"{what:44}{np.median(ms):10.3f}{np.percentile(ms, 95):10.3f}  {verdict}")
+
+
+if __name__ == "__main__":
+    main()
