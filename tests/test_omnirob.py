@@ -71,8 +71,8 @@ def test_test_points_are_where_the_problem_has_them(omnirob, postures):
     for q in postures:
         terms, frames = evaluate_dynamics(omnirob, q, np.zeros(omnirob.n)), dh_frames(q)
         for point in OMNIROB_POINTS:
-            link, (frame, offset) = omnirob.link_index(point.link), POINTS[point.name]
-            mine = terms.p_WL[link] + terms.R_WL[link] @ point.offset
+            link, (frame, offset) = omnirob.link_index(point.frame), POINTS[point.name]
+            mine = terms.p_WL[link] + terms.R_WL[link] @ np.array(point.p_FC)
             np.testing.assert_allclose(mine, frames[frame, :3, :3] @ offset + frames[frame, :3, 3], atol=1e-12)
 
 

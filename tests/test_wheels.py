@@ -1,4 +1,4 @@
-"""A platform that cannot slip sideways: its commands, and the force of its wheels on the simulated plant."""
+"""The force of wheels that cannot slip sideways on the simulated plant."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from saphari_drake.control.platform_twist import PlatformTwist, lateral_slip, without_slip
 from saphari_drake.errors import ParameterError, UnknownNameError
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.simulation.wheels import Wheels, wheel_force
+from saphari_drake.simulation.wheels import Wheels, lateral_slip, wheel_force
 
 BASE = ("px", "py", "pz")
 STEP = 0.001
@@ -22,51 +21,12 @@ def omnirob():
     return catalog.omnirob()
 
 
-def test_command_has_no_lateral_part_and_keeps_the_rest():
-    """The platform's command lies along its heading, is not longer than before, and other joints keep theirs."""
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        v, heading = rng.normal(size=10), rng.uniform(-6.0, 6.0)
-        feasible = without_slip(v, heading, (0, 1, 2))
-        assert abs(lateral_slip(np.array([heading]), feasible[None], (0, 1, 2))[0]) < 1e-15
-        assert np.linalg.norm(feasible[:2]) <= np.linalg.norm(v[:2]) + 1e-15
-        np.testing.assert_array_equal(feasible[2:], v[2:])
-        np.testing.assert_allclose(without_slip(feasible, heading, (0, 1, 2)), feasible, atol=1e-15)
-
-
-def test_arc_ends_where_the_chord_does():
-    """Held over a period while it turns, a command along the middle heading ends within v T (ω T)²/12 of it."""
-    v, w, T = 0.4, 0.6, 0.1
-    middle = 0.5 * w * T
-    command = np.array([v * np.cos(middle), v * np.sin(middle), w])
-    steps = 1000
-    position = np.zeros(2)
-    for k in range(steps):
-        heading = w * T * (k + 0.5) / steps
-        position += T / steps * without_slip(command, heading, (0, 1, 2))[:2]
-    assert np.linalg.norm(position - T * command[:2]) < 1.01 * v * T * (w * T) ** 2 / 12.0
-
-
-def test_platform_twist_ports(omnirob):
-    """The system publishes the law of its inputs."""
-    system = PlatformTwist(omnirob, BASE)
-    context = system.CreateDefaultContext()
-    q, v = omnirob.home.copy(), np.arange(10.0)
-    q[2] = 0.7
-    system.GetInputPort("position_measured").FixValue(context, q)
-    system.GetInputPort("velocity_commanded").FixValue(context, v)
-    np.testing.assert_array_equal(
-        system.GetOutputPort("velocity_feasible").Eval(context), without_slip(v, 0.7, (0, 1, 2))
-    )
-
-
-@pytest.mark.parametrize("kind", [PlatformTwist, lambda robot, base: Wheels(robot, base, STEP)])
-def test_bad_base_is_named(omnirob, kind):
+def test_bad_base_is_named(omnirob):
     """A platform has three joints, and they must exist."""
     with pytest.raises(ParameterError, match="x, y and theta"):
-        kind(omnirob, ("px", "py"))
+        Wheels(omnirob, ("px", "py"), STEP)
     with pytest.raises(UnknownNameError, match="no joint 'pw'"):
-        kind(omnirob, ("px", "py", "pw"))
+        Wheels(omnirob, ("px", "py", "pw"), STEP)
 
 
 def test_wheels_do_no_work_along_the_heading(omnirob):

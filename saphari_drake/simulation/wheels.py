@@ -47,6 +47,12 @@ def wheel_force(robot: RobotModel, q: Array, v: Array, torque: Array, base: Sequ
     return np.asarray(strength / step * across)
 
 
+def lateral_slip(heading: Array, velocity: Array, base: Sequence[int]) -> Array:
+    """Return −ẋ sin θ + ẏ cos θ (m/s), (T,), for headings (T,) and joint velocities (T, n)."""
+    x, y, _ = base
+    return np.asarray(-velocity[:, x] * np.sin(heading) + velocity[:, y] * np.cos(heading))
+
+
 class Wheels(LeafSystem):
     """The force of wheels without lateral slip on a discrete plant.
 

@@ -1,0 +1,83 @@
+"""A manipulator that reaches a pose and keeps its distance from obstacles by predictive control (Section 3, Fig. 1)."""
+
+import sys
+from dataclasses import dataclass, field
+
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.robots import catalog
+from saphari_drake.simulation.experiment import Experiment, Outcome, RunOptions, main
+from saphari_drake.simulation.nmpc_cell import NmpcCell, build_nmpc
+from saphari_drake.simulation.nmpc_figures import manipulator_figure, nmpc_replay
+from saphari_drake.simulation.nmpc_manipulator import (
+    ManipulatorParameters,
+    controller_for,
+    judge_manipulator,
+    manipulator_job,
+)
+from saphari_drake.simulation.nmpc_run import simulate
+
+CASES = {
+    "none": "the pose alone",
+    "objective": "obstacles in the objective",
+    "constraints": "obstacles in the constraints",
+    "both": "obstacles in the objective and in the constraints",
+}
+
+
+@dataclass
+class ManipulatorScenario:
+    """Everything a run depends on."""
+
+    case: str = "both"
+    # Seed; nothing here is random.
+    seed: int = 0
+    # s; simulated time.
+    duration: float = 10.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    job: ManipulatorParameters = field(default_factory=ManipulatorParameters)
+
+
+def scenario_for(case: str) -> ManipulatorScenario:
+    """Return the scenario of a case."""
+    scenario = ManipulatorScenario(case=case)
+    controller_for(case, scenario.job.cell.controller)
+    return scenario
+
+
+def _cell(scenario: ManipulatorScenario, options: RunOptions | None = None) -> NmpcCell:
+    job = manipulator_job(catalog.load(scenario.robot), scenario.job)
+    return build_nmpc(job, scenario.job.cell, None if options is None else options.meshcat)
+
+
+def build_diagram(scenario: ManipulatorScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return _cell(scenario).diagram
+
+
+def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
+    """Run a scenario and judge it."""
+    result = simulate(_cell(scenario, options), scenario.duration, scenario.case, options.realtime_rate)
+    title = f"Predictive control of a manipulator: {CASES[scenario.case]} (layout of Fig. 1)"
+    view = ((2.0, -1.4, 1.3), (0.1, 0.0, 0.5))
+    return Outcome(
+        judge_manipulator(result, scenario.job, scenario.case),
+        result.log,
+        lambda: manipulator_figure(result, title),
+        lambda path: nmpc_replay(result, path, title, view),
+    )
+
+
+EXPERIMENT = Experiment(
+    name="nmpc_manipulator",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+    accepts_model=True,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))

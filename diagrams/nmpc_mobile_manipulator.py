@@ -1,0 +1,85 @@
+"""A mobile manipulator that keeps its distance from things and people by predictive control (Section 3, Fig. 2, 3)."""
+
+import sys
+from dataclasses import dataclass, field
+
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.robots import catalog
+from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.nmpc_cell import NmpcCell, build_nmpc
+from saphari_drake.simulation.nmpc_figures import mobile_figure, nmpc_replay
+from saphari_drake.simulation.nmpc_mobile import MobileParameters, controller_for, mobile_job
+from saphari_drake.simulation.nmpc_mobile_judge import judge_mobile
+from saphari_drake.simulation.nmpc_run import simulate
+
+CASES = {
+    "1": "a path without obstacles",
+    "2": "six obstacles in the objective",
+    "3": "six obstacles in the objective and in the constraints",
+    "nonholonomic": "a platform that cannot slip sideways, on a path that moves sideways",
+    "human": "a person who reaches across the path, told to the controller",
+    "human_seen": "the same person, seen by a depth camera alone",
+}
+
+
+@dataclass
+class MobileScenario:
+    """Everything a run depends on."""
+
+    case: str = "3"
+    # Seed of the camera's noise.
+    seed: int = 0
+    # s; simulated time: 300 control steps.
+    duration: float = 30.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "omnirob"
+    job: MobileParameters = field(default_factory=MobileParameters)
+
+
+def scenario_for(case: str) -> MobileScenario:
+    """Return the scenario of a case."""
+    scenario = MobileScenario(case=case)
+    controller_for(case, scenario.job.cell.controller)
+    return scenario
+
+
+def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCell:
+    params = scenario.job
+    params.cell.watch.sampler.noise.seed = scenario.seed
+    job = mobile_job(catalog.load(scenario.robot), params, scenario.case)
+    meshcat = None if options is None else options.meshcat
+    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen")
+
+
+def build_diagram(scenario: MobileScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return _cell(scenario).diagram
+
+
+def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
+    """Run a scenario and judge it."""
+    cell = _cell(scenario, options)
+    result = simulate(cell, scenario.duration, scenario.case, options.realtime_rate)
+    metrics: list[Metric] = judge_mobile(result, scenario.job, scenario.case)
+    title = f"Predictive control of a mobile manipulator: {CASES[scenario.case]} (layout of Fig. 2 and 3)"
+    view = ((4.5, -1.5, 3.0), (0.0, 2.5, 0.6))
+    return Outcome(
+        metrics,
+        result.log,
+        lambda: mobile_figure(result, title),
+        lambda path: nmpc_replay(result, path, title, view),
+    )
+
+
+EXPERIMENT = Experiment(
+    name="nmpc_mobile_manipulator",
+    summary=__doc__,
+    cases=CASES,
+    scenario_for=scenario_for,
+    run=run,
+    build_diagram=build_diagram,
+)
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))
