@@ -8,14 +8,15 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.null_space_figures import comparison
 from saphari_drake.simulation.null_space_run import (
     CASES,
     NullSpaceScenario,
     Run,
     Runs,
     build,
-    comparison,
     replay,
+    require_dwell,
     speed,
 )
 
@@ -38,6 +39,7 @@ def build_diagram(scenario: NullSpaceScenario) -> Diagram:
 
 def run(scenario: NullSpaceScenario, options: RunOptions) -> Outcome:
     """Run a scenario, and the same without an observer for comparison, and judge it."""
+    require_dwell(scenario)
     result, reference = RUNS.get(scenario, options), RUNS.get(scenario, observer="none")
 
     def draw():

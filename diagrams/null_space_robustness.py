@@ -7,8 +7,17 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.figures import CYCLE, blank, legend
-from saphari_drake.simulation.null_space_run import CASES, NullSpaceScenario, Run, Runs, build, replay
+from saphari_drake.simulation.null_space_figures import disturbed
+from saphari_drake.simulation.null_space_run import (
+    CASES,
+    NullSpaceScenario,
+    Run,
+    Runs,
+    build,
+    replay,
+    require_dwell,
+    speed,
+)
 
 RUNS = Runs()
 
@@ -52,6 +61,7 @@ def build_diagram(scenario: RobustnessScenario) -> Diagram:
 
 def run(scenario: RobustnessScenario, options: RunOptions) -> Outcome:
     """Run a case in all conditions and judge each."""
+    require_dwell(scenario)
     runs = {
         name: RUNS.get(with_condition(scenario, *condition), options)
         for name, condition in conditions(scenario).items()
@@ -59,29 +69,39 @@ def run(scenario: RobustnessScenario, options: RunOptions) -> Outcome:
     metrics = [metric for name, result in runs.items() for metric in judged(name, result)]
 
     def draw():
-        figure, axes = blank(1, 1, f"Task error with friction and payload unknown to the controller: {scenario.case}")
-        for (name, result), color in zip(runs.items(), CYCLE):
-            axes[0, 0].plot(result.log.time, 1e3 * result.error(), color=color, label=name)
-        axes[0, 0].set_ylabel("‖x̃‖ [mm]")
-        axes[0, 0].set_xlabel("time [s]")
-        legend(axes[0, 0])
-        return figure
+        everything = {
+            name: {case: RUNS.get(with_condition(scenario, *condition), observer=case) for case in CASES}
+            for name, condition in conditions(scenario).items()
+        }
+        title = f"Ball at the arm; joint friction ({scenario.friction_share:.0%} of the reported) and payload "
+        return disturbed(everything, title + f"({scenario.payload:g} kg) unknown to the controller")
 
     last = runs["both"]
     title = f"Null-space compliance with friction and payload: {scenario.case}"
-    return Outcome(metrics, last.log, draw, lambda path: replay(last, path, title))
+    return Outcome([*metrics, *speed(*runs.values())], last.log, draw, lambda path: replay(last, path, title))
 
 
 def judged(name: str, result: Run) -> list[Metric]:
-    """Return the task error at rest before contact, during the dwell, and its largest value from then on."""
+    """Return the task error before contact, during the dwell and at most, and what the observer takes for a push.
+
+    Without friction and payload the estimate is the contact; the difference is what it absorbs of them.
+    """
     ball, log, error = result.setup.scenario.system.cell.ball, result.log, result.error()
     before = log.between(ball.start - 0.5, ball.start)
     dwell = log.between(ball.departure - 0.5, ball.departure)
-    return [
+    metrics = [
         Metric(f"{name}_settled_error_m", float(np.mean(error[before])), "m"),
         Metric(f"{name}_dwell_error_m", float(np.mean(error[dwell])), "m"),
         Metric(f"{name}_error_max_m", float(np.max(error[log.between(ball.start, log.time[-1])])), "m"),
     ]
+    case = result.setup.scenario.case
+    if case != "none":
+        true, observed, residual = result.task_forces()
+        absorbed = (residual if case == "momentum" else observed) - true
+        for label, rows in (("settled", before), ("dwell", dwell)):
+            force = float(np.linalg.norm(absorbed[rows].mean(axis=0)))
+            metrics.append(Metric(f"{name}_{label}_absorbed_N", force, "N"))
+    return metrics
 
 
 EXPERIMENT = Experiment(

@@ -7,13 +7,13 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.null_space_figures import comparison
 from saphari_drake.simulation.null_space_run import (
     CASES,
     NullSpaceScenario,
     Run,
     Runs,
     build,
-    comparison,
     replay,
     speed,
 )

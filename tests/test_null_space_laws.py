@@ -98,7 +98,7 @@ def test_compiled_law_is_that_of_the_equations(load_arm, name, observer, task):
 
 
 def test_limited_error_is_smooth_and_bounded():
-    """Short errors pass, long ones keep their direction and get no longer than the reach; the rate is its derivative."""
+    """Short errors pass, long ones keep their direction and stay within the reach; the rate is its derivative."""
     direction, reach, h = np.array([0.6, 0.0, -0.8]), 0.02, 1e-7
     for length in (0.0, 1e-3, 0.015, 0.03, 0.5):
         e, rate = length * direction, np.array([0.3, -0.2, 0.1])

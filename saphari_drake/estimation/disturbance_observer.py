@@ -24,7 +24,7 @@ class DisturbanceObserverParameters:
     # Diagonal of Γ instead, one value or one a joint; empty: as above. A small one suits continuous time: 0.002 makes a
     # loop of 400 1/s through the wrist of the LWR4, which is unstable at a cycle of 2 ms. A.
     Gamma: list[float] | float = field(default_factory=list)
-    # 1/s; how fast the estimate is forgotten while the task yields: what it held has not to do with what comes after. A.
+    # 1/s; how fast the estimate is forgotten while the task yields: it says nothing of what comes after. A.
     forget_rate: float = 10.0
     # s; the control cycle.
     period: float = 0.002

@@ -1,14 +1,12 @@
 """What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
 
 import time
-from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.math import RigidTransform, RotationMatrix
@@ -16,11 +14,11 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from saphari_drake.errors import ParameterError
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.contact_run import load_robot
 from saphari_drake.simulation.experiment import Metric, RunOptions, advance
-from saphari_drake.simulation.figures import CYCLE, blank, legend
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.null_space_cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.simulation.obstacle_cell import add_obstacle_cell
@@ -110,7 +108,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
     robot = load_robot(scenario.robot, scenario.home)
     builder = DiagramBuilder()
-    parts = add_null_space_cell(builder, robot, _aimed(scenario))
+    parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
         start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
@@ -123,7 +121,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     return Setup(scenario, robot, builder.Build(), parts, recorder)
 
 
-def _aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
+def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
     """Return the system's parameters with the obstacle shifted along the touched link and turned by the seed."""
     system: NullSpaceCellParameters = deepcopy(scenario.system)
     rng = np.random.default_rng(scenario.seed)
@@ -149,6 +147,13 @@ def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
     for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
         recorder.add(name, parts.controller.GetOutputPort(name), unit)
     return recorder
+
+
+def require_dwell(scenario: NullSpaceScenario) -> None:
+    """Demand a run that lasts until the ball departs, since the error is judged just before."""
+    end = scenario.system.cell.ball.departure
+    if scenario.duration < end:
+        raise ParameterError("duration", f"must reach the departure of the ball at {end:.2f} s, or shorten ball.dwell")
 
 
 def speed(*runs: Run) -> list[Metric]:
@@ -197,44 +202,12 @@ class Runs:
         return self._done[key]
 
 
-def comparison(runs: Mapping[str, Run], title: str) -> Figure:
-    """Return the figure that compares all cases: task error, contact force, elbow, external torque at the task."""
-    figure, grid = blank(5, 1, title, share_time=True)
-    axes = grid[:, 0]
-    heads = (
-        ("Task error", "‖x̃‖ [mm], log"),
-        ("Task error with an observer", "‖x̃‖ [mm]"),
-        ("Contact force (the cases differ little)", "‖F‖ [N]"),
-        ("Elbow displacement (the cases differ little)", "distance [mm]"),
-        ("External torque as the task feels it, estimated", "‖J_M^{#T} τ‖ [N]"),
-    )
-    for ax, (head, label) in zip(axes, heads):
-        ax.set_title(head, loc="left")
-        ax.set_ylabel(label)
-    for (case, run), color, width in zip(runs.items(), CYCLE, (3.6, 2.6, 1.7, 0.9)):
-        t, style = run.log.time, {"color": color, "label": case, "linewidth": width}
-        axes[0].semilogy(t, np.maximum(1e3 * run.error(), 1e-5), color=color, label=case, linewidth=1.0)
-        axes[2].plot(t, np.linalg.norm(run.log["contact"][:, :3], axis=1), **style)
-        axes[3].plot(t, 1e3 * run.elbow(), **style)
-        true, observed, residual = (np.linalg.norm(force, axis=1) for force in run.task_forces())
-        if case != "none":
-            axes[1].plot(t, 1e3 * run.error(), color=color, label=case)
-            axes[4].plot(t, residual if case == "momentum" else observed, **style)
-        else:
-            axes[4].plot(t, true, ":", color="black", linewidth=2.5, label="true, none", zorder=5)
-    for ax in axes:
-        legend(ax)
-    figure.align_ylabels()
-    axes[-1].set_xlabel("time [s]")
-    return figure
-
-
 def replay(run: Run, path: Path, title: str) -> None:
     """Write the run as a page that plays offline, with the contact force as an arrow."""
     robot, scale = run.setup.robot, 0.01
 
     def plant(builder: DiagramBuilder):
-        return add_obstacle_cell(builder, robot, _aimed(run.setup.scenario).cell).plant
+        return add_obstacle_cell(builder, robot, aimed(run.setup.scenario).cell).plant
 
     force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
     arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
