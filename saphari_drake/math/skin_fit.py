@@ -43,36 +43,38 @@ def _segment(a, b, out):
 
 
 @njit(cache=True)
-def bell_share(uv, pitch, shape, share, slope):
-    """Fill how much of a unit bell each module carries (k,), and its slope over the shape (k, 5).
+def bell_share(u, v, pitch, shape, share, slope):
+    """Fill how much of a unit bell each module of a grid carries (a·b,), and its slope over the shape (a·b, 5).
 
     The bell is integrated over the square of the module, so that an endless grid carries all of it.
 
     Parameters
     ----------
-    uv : (k, 2) array
-        Surface coordinates of the modules (m).
+    u, v : (a,) and (b,) arrays
+        Surface coordinates of the grid's rows and columns (m).
     pitch : float
     shape : (5,) array
         Middle u, v (m), log of the widths s_u and s_v (m), and skew c: the first-order turn of the axes, c s_u s_v
         ∂²/∂u∂v of the upright bell.
-    share : (k,) array
-    slope : (k, 5) array
+    share : (a·b,) array
+    slope : (a·b, 5) array
     """
     half = 0.5 * pitch
     su, sv, c = math.exp(shape[2]), math.exp(shape[3]), shape[4]
-    x, y = np.empty(10), np.empty(10)
-    for i in range(uv.shape[0]):
-        du, dv = uv[i, 0] - shape[0], uv[i, 1] - shape[1]
-        _segment((du - half) / su, (du + half) / su, x)
-        _segment((dv - half) / sv, (dv + half) / sv, y)
-        skew = _bell(x, y, 1, 1)
-        share[i] = _bell(x, y, 0, 0) + c * skew
-        slope[i, 0] = (_bell(x, y, 1, 0) + c * _bell(x, y, 2, 1)) / su
-        slope[i, 1] = (_bell(x, y, 0, 1) + c * _bell(x, y, 1, 2)) / sv
-        slope[i, 2] = _bell(x, y, 3, 0) + c * _bell(x, y, 4, 1)
-        slope[i, 3] = _bell(x, y, 0, 3) + c * _bell(x, y, 1, 4)
-        slope[i, 4] = skew
+    x, y = np.empty(10), np.empty((v.shape[0], 10))
+    for j in range(v.shape[0]):
+        _segment((v[j] - shape[1] - half) / sv, (v[j] - shape[1] + half) / sv, y[j])
+    for i in range(u.shape[0]):
+        _segment((u[i] - shape[0] - half) / su, (u[i] - shape[0] + half) / su, x)
+        for j in range(v.shape[0]):
+            k, z = i * v.shape[0] + j, y[j]
+            skew = _bell(x, z, 1, 1)
+            share[k] = _bell(x, z, 0, 0) + c * skew
+            slope[k, 0] = (_bell(x, z, 1, 0) + c * _bell(x, z, 2, 1)) / su
+            slope[k, 1] = (_bell(x, z, 0, 1) + c * _bell(x, z, 1, 2)) / sv
+            slope[k, 2] = _bell(x, z, 3, 0) + c * _bell(x, z, 4, 1)
+            slope[k, 3] = _bell(x, z, 0, 3) + c * _bell(x, z, 1, 4)
+            slope[k, 4] = skew
 
 
 @njit(cache=True)
@@ -82,15 +84,15 @@ def _bell(x, y, i, j):
 
 
 @njit(cache=True)
-def fit_bells(uv, pitch, forces, weight, shape, force, prior, rounds, share):
+def fit_bells(u, v, pitch, forces, weight, shape, force, prior, rounds, share):
     """Fit K bells to the forces of modules by damped Gauss–Newton; return the cost.
 
     Σ_i w_i ‖F_i − Σ_k B_i(shape_k) f_k‖², plus a weak pull towards a round bell of usual width.
 
     Parameters
     ----------
-    uv : (k, 2) array
-        Surface coordinates of the modules (m).
+    u, v : (a,) and (b,) arrays
+        Surface coordinates of the rows and columns of a grid of k = a·b modules (m).
     pitch : float
     forces : (k, 3) array
         Force of each module, in one frame (N).
@@ -107,14 +109,14 @@ def fit_bells(uv, pitch, forces, weight, shape, force, prior, rounds, share):
     share : (K, k) array
         Filled with the bells.
     """
-    count, bells = uv.shape[0], shape.shape[0]
+    count, bells = forces.shape[0], shape.shape[0]
     size = SIZE * bells
     slope, new_slope = np.empty((bells, count, SHAPE)), np.empty((bells, count, SHAPE))
     new_share, new_shape, new_force = np.empty((bells, count)), np.empty_like(shape), np.empty_like(force)
     H, L, damped = np.empty((size, size)), np.zeros((size, size)), np.empty((size, size))
     g, step, row = np.empty(size), np.empty(size), np.empty(size)
     for k in range(bells):
-        bell_share(uv, pitch, shape[k], share[k], slope[k])
+        bell_share(u, v, pitch, shape[k], share[k], slope[k])
     cost = _cost(forces, weight, shape, force, prior, share)
     damping = 1e-3
     for _ in range(rounds):
@@ -134,7 +136,7 @@ def fit_bells(uv, pitch, forces, weight, shape, force, prior, rounds, share):
                 _stepped(shape[k], step[SIZE * k : SIZE * k + SHAPE], pitch, prior[1], new_shape[k])
                 for d in range(3):
                     new_force[k, d] = force[k, d] + step[SIZE * k + SHAPE + d]
-                bell_share(uv, pitch, new_shape[k], new_share[k], new_slope[k])
+                bell_share(u, v, pitch, new_shape[k], new_share[k], new_slope[k])
             new_cost = _cost(forces, weight, new_shape, new_force, prior, new_share)
             if new_cost <= cost:
                 accepted = True

@@ -21,6 +21,8 @@ from saphari_drake.port_values import SkinContact
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_WINDOW = 3.5  # pitches; beyond that, a bell carries nothing that can be told from noise
+
 
 @dataclass
 class SkinContactParameters:
@@ -49,7 +51,7 @@ class SkinContactParameters:
     floor: float = 0.2
     # Rounds of the crosstalk's solution, turns of it and the fit for modules that are missing, most rounds of a fit.
     crosstalk_rounds: int = 6
-    gap_rounds: int = 4
+    gap_rounds: int = 3
     fit_rounds: int = 15
 
     def __post_init__(self) -> None:
@@ -98,6 +100,10 @@ class SkinContactLaw:
         calibration.require_fits(layout)
         self.layout, self.calibration, self.params = layout, calibration, params or SkinContactParameters()
         self.neighbours = neighbour_table(layout.rows, layout.columns)
+        params, pitch = self.params, layout.pitch
+        usual, least = np.log(params.usual_width * pitch), np.log(params.least_width * pitch)
+        self._prior = np.array([usual, least, params.width_weight, params.round_weight])
+        self._u, self._v = layout.uv[:: layout.columns, 0].copy(), layout.uv[: layout.columns, 1].copy()
         self._compile()
 
     def _compile(self) -> None:
@@ -131,11 +137,12 @@ class SkinContactLaw:
         fill_unusable(self.neighbours, usable, f_M)
         bells = self._start(f_M)
         bells, share = self._fit(f_M, usable, bells)
-        gaps = np.flatnonzero(~usable)
-        for _ in range(int(self.params.gap_rounds) if len(gaps) and len(bells.shape) else 0):
+        gaps = np.flatnonzero(~usable & (share.sum(axis=0) > 1e-3))
+        last = int(self.params.gap_rounds) if len(gaps) else 0
+        for turn in range(1, last + 1):
             f_M[gaps] = np.einsum("gij,gi->gj", self.layout.R_LM[gaps], share[:, gaps].T @ bells.force)
             remove_crosstalk(felt, c.coupling, self.neighbours, usable, rounds, f_M)
-            bells, share = self._fit(f_M, usable, bells)
+            bells, share = self._fit(f_M, usable, bells, split=turn == last)
         return f_M, self._completed(f_M, usable, bells, share)
 
     def _start(self, f_M: Array) -> Bells:
@@ -163,12 +170,12 @@ class SkinContactLaw:
             groups = [g for g in groups if g not in near] + [[*(j for g in near for j in g), k]]
         return groups
 
-    def _fit(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array]:
+    def _fit(self, f_M: Array, usable: Mask, start: Bells, split: bool = True) -> tuple[Bells, Array]:
         """Return the bells that fit the forces best, and their shares (K, m) of the modules."""
         shapes, forces, shares = [np.empty((0, 5))], [np.empty((0, 3))], [np.empty((0, self.layout.count))]
         for group in self._groups(start.shape[:, :2]):
             bells, share, error = self._fit_group(f_M, usable, Bells(start.shape[group], start.force[group]))
-            if error > self.params.split_error:
+            if split and error > self.params.split_error:
                 bells, share = self._split(f_M, usable, bells, share, error)
             shapes.append(bells.shape)
             forces.append(bells.force)
@@ -178,22 +185,33 @@ class SkinContactLaw:
     def _fit_group(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array, float]:
         """Fit bells that overlap; return them, their shares, and what they leave as a share of the force."""
         layout, params = self.layout, self.params
-        usual, least = np.log(params.usual_width * layout.pitch), np.log(params.least_width * layout.pitch)
-        prior = np.array([usual, least, params.width_weight, params.round_weight])
-        distance = np.max(np.abs(layout.uv[:, None] - start.shape[:, :2]), axis=2).min(axis=1)
-        window = np.flatnonzero(distance < 3.5 * layout.pitch)
+        window, u, v = self._window(start.shape[:, :2])
         known = usable[window]
         f_L = np.einsum("mij,mj->mi", layout.R_LM[window], f_M[window])
-        size = np.where(known, np.linalg.norm(f_L, axis=1), 0.0)
-        trust = params.floor + size / max(size.max(initial=0.0), 1e-9)
-        weight = np.where(known, (trust.max() / trust) ** 2, 0.0)
+        size = np.where(known, np.sqrt(np.sum(f_L * f_L, axis=1)), 0.0)
+        trust = params.floor + size / max(float(size.max()), 1e-9)
+        weight = np.where(known, (float(trust.max()) / trust) ** 2, 0.0)
         shape, force = start.shape.copy(), start.force.copy()
         part = np.empty((len(shape), len(window)))
-        fit_bells(layout.uv[window], layout.pitch, f_L, weight, shape, force, prior, int(params.fit_rounds), part)
-        left = np.linalg.norm((f_L - part.T @ force)[known])
+        fit_bells(u, v, layout.pitch, f_L, weight, shape, force, self._prior, int(params.fit_rounds), part)
+        left = (f_L - part.T @ force)[known]
         share = np.zeros((len(shape), layout.count))
         share[:, window] = part
-        return Bells(shape, force), share, float(left / max(np.linalg.norm(size), 1e-9))
+        error = np.sqrt(np.sum(left * left) / max(float(np.sum(size * size)), 1e-18))
+        return Bells(shape, force), share, float(error)
+
+    def _window(self, centre: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the modules of the rectangle around middles (K, 2), and the coordinates of its rows and columns."""
+        ranges = []
+        for axis, line in enumerate((self._u, self._v)):
+            near = np.flatnonzero(
+                (line > centre[:, axis].min() - _WINDOW * self.layout.pitch)
+                & (line < centre[:, axis].max() + _WINDOW * self.layout.pitch)
+            )
+            ranges.append(near)
+        rows, columns = ranges
+        window = (rows[:, None] * self.layout.columns + columns).ravel()
+        return window, self._u[rows], self._v[columns]
 
     def _split(self, f_M: Array, usable: Mask, bells: Bells, share: Array, error: float) -> tuple[Bells, Array]:
         """Return the bells with one more where they leave most pressure, if that explains much more."""
