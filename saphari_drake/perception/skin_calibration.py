@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ class SkinCalibration:
         try:
             with np.load(path) as file:
                 content = dict(file)
-        except (OSError, ValueError, EOFError) as error:
+        except (OSError, ValueError, EOFError, BadZipFile) as error:
             raise SensorError(f"{path}: cannot be read as a skin calibration: {error}") from error
         names = [item.name for item in fields(cls)]
         missing = [name for name in ("version", *names) if name not in content]
