@@ -26,18 +26,15 @@ def scenario_for(case: str) -> GuidingScenario:
     """Return the scenario of a case."""
     scenario = GuidingScenario(case=case)
     if case == "body_first":
-        scenario.body.pulls = [
-            Pull(0.6, 3.0, 0.5, [1.0, 2.0, -4.0]),
-            Pull(3.0, 3.6, 0.6, [-1.5, -2.0, -4.0]),
-        ]
-        scenario.end_effector.pulls = [Pull(2.0, 1.4, 0.4, [3.0, 0.0, 3.0]), Pull(4.4, 1.4, 0.4, [-3.0, 2.0, -2.5])]
+        scenario.body.pulls = [Pull(0.6, 2.6, 0.5, [0.5, 1.5, -4.5]), Pull(2.7, 3.2, 0.5, [-1.0, -2.0, -4.0])]
+        scenario.end_effector.pulls = [Pull(1.8, 1.2, 0.4, [3.0, 0.0, 3.0]), Pull(3.8, 1.4, 0.4, [-3.0, 2.0, -2.5])]
         return scenario
     scenario.end_effector.pulls = [
-        Pull(0.6, 2.4, 0.5, [4.5, 0.0, 0.0]),
-        Pull(2.5, 2.4, 0.5, [-4.0, 0.0, 3.0]),
-        Pull(4.4, 2.4, 0.5, [0.0, -4.0, -3.0]),
+        Pull(0.6, 2.0, 0.5, [4.5, 0.0, 0.0]),
+        Pull(2.1, 2.0, 0.5, [-4.0, 0.0, 3.0]),
+        Pull(3.6, 2.2, 0.5, [0.0, -4.0, -2.0]),
     ]
-    scenario.body.pulls = [Pull(2.9, 1.2, 0.5, [1.5, 1.5, -4.0]), Pull(4.9, 1.2, 0.5, [-1.5, -2.0, -4.0])]
+    scenario.body.pulls = [Pull(2.4, 1.2, 0.5, [1.5, 1.5, -4.0]), Pull(4.1, 1.2, 0.5, [-1.5, -1.5, -4.0])]
     return scenario
 
 

@@ -186,8 +186,7 @@ def limit_joint_velocity(v, J, low, high, threshold):
     """Return a joint velocity within bounds, and whether it had to be changed.
 
     Joints beyond their bounds are held there, one after the other, and the rest moves so that the main point goes on as
-    asked for, and the second one as far as possible. Where that cannot be, all motion is shortened, which keeps the
-    direction of both points. Continuous in v and in the bounds as long as the main point goes on.
+    asked for, and then the second one, as far as that is possible.
 
     Parameters
     ----------
@@ -224,19 +223,6 @@ def limit_joint_velocity(v, J, low, high, threshold):
             J_inv, _, _, _ = task_inverse(J_free, threshold)
             following += apply(J_inv, apply(J[i], v - following))
             N = N - product(J_inv, J_free)
-    lag = 1.0
-    if k > 0:
-        lag = norm(apply(J[0], v - following))
-    for j in range(n):
-        lag += max(following[j] - high[j] - 1e-9, 0.0) + max(low[j] - following[j] - 1e-9, 0.0)
-    if lag > 1e-6:
-        share = 1.0
-        for j in range(n):
-            if v[j] > high[j]:
-                share = min(share, high[j] / v[j])
-            elif v[j] < low[j]:
-                share = min(share, low[j] / v[j])
-        following = share * v
     return np.minimum(np.maximum(following, low), high), True
 
 

@@ -44,8 +44,11 @@ class HandGuidingParameters:
     tip_frame: str = ""
     tip_point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     end_effector: GuidedPointParameters = field(default_factory=GuidedPointParameters)
-    # The body moves on a small circle about the shoulder: the same speed there means faster joints.
-    body: GuidedPointParameters = field(default_factory=lambda: GuidedPointParameters(max_speed=0.15))
+    # The body is nearer to the shoulder: the same speed there means faster joints, and three to seven times that speed
+    # at the end effector. Heavier, with the same time constant.
+    body: GuidedPointParameters = field(
+        default_factory=lambda: GuidedPointParameters([15.0] * 3, [90.0] * 3, max_speed=0.08)
+    )
     # 1/s², 1/s; k_p and k_d of (50).
     k_p: float = 100.0
     k_d: float = 20.0
@@ -76,6 +79,10 @@ class HandGuidingParameters:
     # rad (m); distance kept from the joints' limits, and share of their velocity limits that is used.
     joint_margin: float = 0.03
     joint_speed_share: float = 0.9
+    # rad/s² (m/s²); largest commanded acceleration of a joint.
+    max_acceleration: float = 20.0
+    # rad/s² (m/s²); deceleration with which a joint can always be stopped before its limit.
+    max_deceleration: float = 30.0
     # rad (m); the command leads a measured joint by no more than this, with feedback = measured.
     max_lag: float = 0.1
     # Share of the force on a point that may be without effect before the status says so.
@@ -86,8 +93,8 @@ class HandGuidingParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "k_p", "k_d", "K_P", "K_D", "damping_threshold", "null_damping", "hold_damping", "fault_damping",
-            "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag",
-            "release_time", "period",
+            "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag", "max_acceleration",
+            "max_deceleration", "release_time", "period",
         )  # fmt: skip
         require_non_negative(self, "joint_margin", "partial_share")
         require_choice(self, "feedback", FEEDBACK)

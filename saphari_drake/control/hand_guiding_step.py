@@ -193,6 +193,11 @@ class HandGuiding:
         J = law.J if law else np.zeros((0, 3, len(fade)))
         v_asked = state.v + T * (nominal + fade)
         v_next, held_back = limit_joint_velocity(v_asked, J, low, high, params.damping_threshold)
+        change, most = v_next - state.v, params.max_acceleration * T
+        largest = float(np.abs(change).max())
+        if largest > most:
+            v_next, held_back = state.v + (most / largest) * change, True
+        v_next = self._stopping_in_time(state.q, v_next)
         a = (v_next - state.v) / T
         q_next = state.q + 0.5 * T * (state.v + v_next)
         if params.feedback == "measured":  # with torques at their limits the command must not run away
@@ -210,9 +215,16 @@ class HandGuiding:
         told = self._told(sensed, touches, points, law, held_back)
         return following, GuidingOutput(torque, excess, a, q_next, v_next, touches.priority, *told)
 
+    def _stopping_in_time(self, q: Array, v: Array) -> Array:
+        """Return a joint velocity from which `max_deceleration` stops every joint before its limit."""
+        q_min, q_max, _ = self._limits
+        twice = 2.0 * self.params.max_deceleration
+        high, low = np.sqrt(twice * np.maximum(q_max - q, 0.0)), -np.sqrt(twice * np.maximum(q - q_min, 0.0))
+        return np.minimum(np.maximum(v, low), high)
+
     def _body_point(self, state: GuidingState, sensed: Sensed, touches: Touches) -> tuple[int, Array, bool]:
         """Return link and position of the body point, smoothed while it is touched, and whether it jumped."""
-        if not touches.touched[1]:
+        if not touches.touched[1] or sensed.link < 0:  # not touched, or about to be let go
             return state.link, state.p_LC, False
         if not state.touches.touched[1] or sensed.link != state.link:
             return sensed.link, sensed.p_LC, True

@@ -49,8 +49,9 @@ class GuidingCellParameters:
     # How the skin was calibrated.
     indenter: IndenterParameters = field(default_factory=IndenterParameters)
     skin_estimator: SkinEstimatorParameters = field(default_factory=lambda: SkinEstimatorParameters(period=PERIOD))
+    # The tip is where the hand holds a light handle at the flange.
     force_sensor: ForceTorqueSensorParameters = field(
-        default_factory=lambda: ForceTorqueSensorParameters(period=PERIOD)
+        default_factory=lambda: ForceTorqueSensorParameters(tip_point=[0.0, 0.0, 0.12], period=PERIOD)
     )
     controller: HandGuidingParameters = field(default_factory=lambda: HandGuidingParameters(period=PERIOD))
 

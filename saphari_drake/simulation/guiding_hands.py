@@ -29,7 +29,7 @@ class Pull:
     start: float = 1.0
     duration: float = 2.0
     ramp: float = 0.5
-    # N, or m for a hand with stiffness: force, or displacement of the hand, at its height.
+    # N, or m for a hand with stiffness: force, or displacement of the hand, at its height, in the world.
     size: list[float] = field(default_factory=lambda: [0.0, 5.0, 0.0])
 
     def __post_init__(self) -> None:
@@ -51,8 +51,6 @@ class Hand:
     """A hand at one point of the robot."""
 
     pulls: list[Pull] = field(default_factory=list)
-    # Whether the pulls are given in the axes of the link (or of the skin's middle), or in those of the world.
-    in_link: bool = False
     # N/m and Ns/m; 0: the pulls are forces, whatever the robot does. Otherwise a spring and damper between the robot
     # and the hand, which takes hold at `hold_from` where the point is then, and moves by the pulls.
     stiffness: float = 0.0
@@ -83,8 +81,6 @@ class Grip:
     p_LC : (3,) array
         Point in its frame (m).
     hand : Hand
-    R_LH : (3, 3) array
-        Axes of the pulls in the link, for a hand with ``in_link``.
     profile : callable, optional
         ``profile(time)`` gives a force in the world (N) instead of the hand's pulls.
     """
@@ -92,7 +88,6 @@ class Grip:
     link: int
     p_LC: Array
     hand: Hand
-    R_LH: Array = field(default_factory=lambda: np.eye(3))
     profile: Profile | None = None
 
 
@@ -203,8 +198,6 @@ def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held
             force = np.asarray(grip.profile(time), dtype=float)
         else:
             force = hand.demand(time)
-            if hand.in_link:
-                force = R_WL[grip.link] @ (grip.R_LH @ force)
             if hand.stiffness > 0.0:
                 holds = np.isfinite(anchor[0]) and hand.hold_from <= time <= hand.hold_until
                 pull = hand.stiffness * (anchor + force - p) - hand.damping * velocity

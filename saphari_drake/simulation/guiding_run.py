@@ -14,6 +14,7 @@ from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin_layout import SkinLayout
 from saphari_drake.port_values import SkinReading
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.contact_run import load_robot
 from saphari_drake.simulation.experiment import RunOptions, advance
@@ -87,20 +88,20 @@ class GuidingScenario:
     # Seed of the sensors' noise and bias, and of where and how hard the hands press.
     seed: int = 0
     # s.
-    duration: float = 8.0
+    duration: float = 7.0
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
     # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
-    home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 90.0, 0.0, 40.0, 0.0])
+    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -65.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
     aim_spread: float = 0.012
     # Share by which the forces of both hands differ from those below.
     force_spread: float = 0.1
     # Force of the hand that comes second, as a multiple of its pulls.
     second_scale: float = 1.0
-    # Pulls in the world, and in the axes of the skin's middle: along it, around it, outwards.
+    # Pulls in the world. Those at the body: along the skin, around it, and outwards, as it lies at the start.
     end_effector: Hand = field(default_factory=Hand)
-    body: Hand = field(default_factory=lambda: Hand(in_link=True))
+    body: Hand = field(default_factory=Hand)
     recording: GuidingRecordingParameters = field(default_factory=GuidingRecordingParameters)
     system: GuidingCellParameters = field(default_factory=GuidingCellParameters)
 
@@ -168,6 +169,10 @@ def _grips(
             pull.size = (scale * own * np.asarray(pull.size)).tolist()
     uv = scenario.aim_spread * rng.uniform(-1.0, 1.0, 2)
     p_LC, R_LC = layout.surface(uv)
+    # A person's force does not turn with the link.
+    R_WC = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).R_WL[layout.link] @ R_LC
+    for pull in hands[1].pulls:
+        pull.size = (R_WC @ np.asarray(pull.size)).tolist()
     link, X_LF = robot.frame(system.controller.tip_frame)
     tip = X_LF @ np.asarray(system.controller.tip_point, dtype=float)
     profile = None
@@ -175,7 +180,7 @@ def _grips(
         given = scenario.recording
         source = read_force_recording(given.file or synthetic, index=given.index, rate=given.rate or None)
         profile, _ = given.profile(source)
-    return [Grip(link, tip, hands[0], profile=profile), Grip(layout.link, p_LC, hands[1], R_LC)]
+    return [Grip(link, tip, hands[0], profile=profile), Grip(layout.link, p_LC, hands[1])]
 
 
 def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorder:
