@@ -20,9 +20,9 @@ def comparison(runs: Mapping[str, Run], title: str) -> Figure:
     heads = (
         ("Task error", "‖x̃‖ [mm], log"),
         ("Task error with an observer", "‖x̃‖ [mm]"),
-        ("Contact force (the cases differ little)", "‖F‖ [N]"),
-        ("Elbow displacement (the cases differ little)", "distance [mm]"),
-        ("External torque as the task feels it, estimated", "‖J_M^{#T} τ‖ [N]"),
+        ("Contact force", "‖F‖ [N]"),
+        ("Elbow displacement", "distance [mm]"),
+        ("External torque as the task feels it, estimated and true (dotted)", "‖J_M^{#T} τ‖ [N]"),
     )
     for ax, (head, label) in zip(axes, heads):
         ax.set_title(head, loc="left")
@@ -63,9 +63,10 @@ def disturbed(conditions: Mapping[str, Mapping[str, Run]], title: str) -> Figure
 
 
 def estimate(ax: Axes, run: Run, case: str, style: dict) -> None:
-    """Draw what the task feels of the estimated external torque, or, without an observer, of the true contact."""
+    """Draw what the task feels of the estimated external torque; dotted what it feels of the true contact."""
     true, observed, residual = (np.linalg.norm(force, axis=1) for force in run.task_forces())
-    if case == "none":
-        ax.plot(run.log.time, true, ":", color="black", linewidth=2.5, label="contact, true", zorder=5)
-    else:
+    if case != "none":
         ax.plot(run.log.time, residual if case == "momentum" else observed, **style)
+    if case in ("none", "momentum"):  # the true torque of the other observers is that of momentum
+        color = style["color"] if case == "none" else "black"
+        ax.plot(run.log.time, true, ":", color=color, linewidth=2.0, label=f"true, {case}", zorder=5)
