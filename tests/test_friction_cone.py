@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from saphari_drake.math.friction_cone import force_in_cone, tangents, two_forces_in_cones
+from saphari_drake.math.friction_cone import expected_forces_in_cones, force_in_cone, tangents
 
 MU = 0.5
 
@@ -92,28 +92,41 @@ def test_force_is_continuous():
 def test_two_forces_are_found_together():
     rng = np.random.default_rng(9)
     for _ in range(4):
-        J = rng.normal(size=(2, 3, 7))
-        a = [unit(rng), unit(rng)]
+        J, a = rng.normal(size=(2, 3, 7)), np.array([unit(rng), unit(rng)])
         true = np.array([15.0 * a[0] + 3.0 * frame(a[0])[0], 25.0 * a[1]])
         r = J[0].T @ true[0] + J[1].T @ true[1]
-        F = two_forces_in_cones(J[0], J[1], r, a[0], a[1], MU, 0.02, 1000)
-        np.testing.assert_allclose(J[0].T @ F[0] + J[1].T @ F[1], r, atol=0.1)
+        F, misfit = expected_forces_in_cones(J, r, a, 20.0 * a, 0.01, 15.0, 6.0, MU, 1000)
+        np.testing.assert_allclose(F, true, atol=0.2)
+        np.testing.assert_allclose(J[0].T @ F[0] + J[1].T @ F[1], r, atol=0.02)
+        assert misfit == pytest.approx(np.sum((r - J[0].T @ F[0] - J[1].T @ F[1]) ** 2) / 0.01**2)
         assert inside(F[0], a[0]) and inside(F[1], a[1])
 
 
-def test_two_forces_have_the_least_misfit():
-    rng = np.random.default_rng(10)
-    J, a = rng.normal(size=(2, 3, 7)), [unit(rng), unit(rng)]
-    r = rng.normal(size=7) * 5.0
+@pytest.mark.parametrize("seed", range(3))
+def test_two_forces_cost_least(seed):
+    rng = np.random.default_rng(10 + seed)
+    J, a = rng.normal(size=(2, 3, 7)), np.array([unit(rng), unit(rng)])
+    r, mean, sigma, along, across = rng.normal(size=7) * 5.0, 20.0 * a, 0.5, 15.0, 6.0
 
-    def misfit(x):
-        return np.sum((r - J[0].T @ x[:3] - J[1].T @ x[3:]) ** 2)
+    def cost(x):
+        off = x.reshape(2, 3) - mean
+        normal = np.sum(off * a, axis=1)
+        beside = np.linalg.norm(off - normal[:, None] * a, axis=1)
+        rest = r - J[0].T @ x[:3] - J[1].T @ x[3:]
+        return rest @ rest / sigma**2 + np.sum((normal / along) ** 2 + (beside / across) ** 2)
 
     cones = [
         {"type": "ineq", "fun": lambda x, k=k: MU**2 * (x[3 * k : 3 * k + 3] @ a[k]) ** 2
          - np.sum((x[3 * k : 3 * k + 3] - (x[3 * k : 3 * k + 3] @ a[k]) * a[k]) ** 2)}
         for k in range(2)
     ] + [{"type": "ineq", "fun": lambda x, k=k: x[3 * k : 3 * k + 3] @ a[k]} for k in range(2)]  # fmt: skip
-    best = minimize(misfit, np.concatenate(a), method="SLSQP", constraints=cones, options={"maxiter": 500})
-    F = two_forces_in_cones(J[0], J[1], r, a[0], a[1], MU, 0.02, 1000)
-    assert misfit(F.ravel()) <= best.fun + 1e-3
+    best = minimize(cost, a.ravel(), method="SLSQP", constraints=cones, options={"maxiter": 500})
+    F, _ = expected_forces_in_cones(J, r, a, mean, sigma, along, across, MU, 1000)
+    assert cost(F.ravel()) <= best.fun + 1e-3
+
+
+def test_a_force_that_makes_no_torque_is_as_expected():
+    a, J = np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 3, 7))
+    J[0, :2, :2] = 0.3 * np.eye(2)
+    F, _ = expected_forces_in_cones(J, np.array([1.2, 0, 0, 0, 0, 0, 0.0]), a, 20.0 * a, 0.05, 15.0, 6.0, MU)
+    np.testing.assert_allclose(F[0], [4.0, 0.0, 20.0], atol=0.02)

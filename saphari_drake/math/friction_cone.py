@@ -225,20 +225,70 @@ def force_in_cone(J, r, inward, mu, rcond):
 
 
 @njit(cache=True)
-def two_forces_in_cones(J1, J2, r, inward1, inward2, mu, rcond, rounds=60):
-    """Return the forces (2, 3) of two contacts that explain the residual together, each inside its cone.
+def expected_forces_in_cones(J, r, inward, mean, sigma, along, across, mu, rounds=80):
+    """Return the forces (k, 3) of k contacts that explain the residual together, each in its cone, and the misfit.
 
-    The joint least squares is solved by turns, one force with the other held, until the forces change by less than
-    0.1 mN; each turn lowers the misfit of a convex problem.
+    They minimize ‖r − Σ JᵀF‖² / σ² + Σ ‖F − F_mean‖², the latter in deviations `along` and `across` the normals: what
+    the residual does not show of a force stays as expected. The convex problem is solved by turns, one force with the
+    others held, until they change by less than 1 mN.
+
+    Parameters
+    ----------
+    J : (k, 3, n) array
+        Jacobians of the contact points.
+    r : (n,) array
+        Residual (Nm), and `sigma` (float) the deviation of each joint's.
+    inward, mean : (k, 3) arrays
+        Unit normals into the robot, and the forces that are expected (N).
+    along, across : float
+        Deviations of a force from what is expected (N), along the normal and across it.
+    mu : float
+        Coefficient of friction (≥ 0).
+
+    Returns
+    -------
+    F : (k, 3) array
+        N.
+    misfit : float
+        ‖r − Σ JᵀF‖² / σ².
     """
-    H1, kept1 = _truncated(J1, rcond)
-    H2, kept2 = _truncated(J2, rcond)
-    F = np.zeros((2, 3))
-    last = np.empty((2, 3))
+    count, n = J.shape[0], r.shape[0]
+    H, held = np.empty((count, 3, 3)), np.empty((count, 3))
+    F, rest, b = mean.copy(), r.copy(), np.empty(3)
+    for k in range(count):
+        H[k] = product(J[k], J[k].T)
+        for i in range(3):
+            for j in range(3):
+                normal = inward[k, i] * inward[k, j]
+                unit = 1.0 if i == j else 0.0
+                H[k, i, j] += sigma**2 * (normal / along**2 + (unit - normal) / across**2)
+        for i in range(3):
+            held[k, i] = 0.0
+            for j in range(3):
+                normal = inward[k, i] * inward[k, j]
+                unit = 1.0 if i == j else 0.0
+                held[k, i] += sigma**2 * (normal / along**2 + (unit - normal) / across**2) * mean[k, j]
+        for j in range(n):
+            rest[j] -= J[k, 0, j] * F[k, 0] + J[k, 1, j] * F[k, 1] + J[k, 2, j] * F[k, 2]
+    last = np.empty(3)
     for _ in range(rounds):
-        last[:] = F
-        cone_minimum(H1, apply(kept1, apply(J1, r - apply(J2.T, F[1]))), inward1, mu, F[0])
-        cone_minimum(H2, apply(kept2, apply(J2, r - apply(J1.T, F[0]))), inward2, mu, F[1])
-        if np.max(np.abs(F - last)) < 1e-4:
+        change = 0.0
+        for k in range(count):
+            last[:] = F[k]
+            for i in range(3):
+                b[i] = held[k, i]
+                for j in range(n):
+                    torque = J[k, 0, j] * last[0] + J[k, 1, j] * last[1] + J[k, 2, j] * last[2]
+                    b[i] += J[k, i, j] * (rest[j] + torque)
+            cone_minimum(H[k], b, inward[k], mu, F[k])
+            for j in range(n):
+                for i in range(3):
+                    rest[j] -= J[k, i, j] * (F[k, i] - last[i])
+            for i in range(3):
+                change = max(change, abs(F[k, i] - last[i]))
+        if change < 1e-3:
             break
-    return F
+    misfit = 0.0
+    for j in range(n):
+        misfit += rest[j] * rest[j]
+    return F, misfit / sigma**2

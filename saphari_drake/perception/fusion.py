@@ -10,12 +10,11 @@ refined over the surface; the best of them is the contact, the best one elsewher
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from saphari_drake.math.friction_cone import force_in_cone, two_forces_in_cones
+from saphari_drake.math.friction_cone import expected_forces_in_cones, force_in_cone
 from saphari_drake.math.tree import point_kinematics, tree_kinematics
 from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.fusion_values import Evidence, Fusion, FusionMemory, FusionParameters, Mode
@@ -26,7 +25,9 @@ from saphari_drake.robots.model import RobotModel
 __all__ = ["ContactFusionLaw", "Evidence", "Fusion", "FusionMemory", "FusionParameters", "Mode"]
 
 
-_HOPELESS = 60.0  # a mode of the grid that costs so much more than the best one is not refined
+_HOPELESS = 30.0  # a mode of the grid that costs so much more than the best one is not refined
+_GROUP = 2  # frames that the refinement takes as one, with their mean residual
+_CLOUD = 300  # about so many of the person's points are looked at for the distance of the candidates
 
 
 class ContactFusionLaw:
@@ -45,7 +46,7 @@ class ContactFusionLaw:
         self.candidates = surface_candidates(robot, params.candidates)
         self._inner = inner_sizes(robot.shapes)
         self._lifts = np.array([0.006, 0.012, 0.018])
-        self._steps = self.candidates.spacing * np.array([0.5, 0.25, 0.12, 0.06])
+        self._steps = self.candidates.spacing * np.array([0.5, 0.2, 0.08])
 
     def compile(self) -> None:
         """Run every kernel once, so that no later call compiles."""
@@ -113,7 +114,7 @@ class ContactFusionLaw:
                 kernels.share_free(x, a, depth, R_WC, p_WC, *vision.pinhole, 0.03, self._lifts, free)
         if len(points) == 0:
             return p.person_cost + p.free_cost * free
-        cloud = points.astype(np.float32).T.copy()
+        cloud = points[:: len(points) // _CLOUD + 1].astype(np.float32).T.copy()
         distance = kernels.nearest_distances(x, a, 0.01, cloud[0], cloud[1], cloud[2])
         alone = np.clip((distance - p.free_from) / (p.free_to - p.free_from), 0.0, 1.0)
         return np.minimum((distance / p.person_scale) ** 2, p.person_cost) + p.free_cost * free * alone
@@ -150,16 +151,15 @@ class ContactFusionLaw:
         cost = memory.misfit + memory.spread * (1.0 + p.again * (memory.weight - 1.0)) + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost)
         least = min([mode.cost for mode in (*seen, *(mode for _, mode in grid))]) + _HOPELESS
-        modes = seen + [
-            self._refined(memory, mode, float(memory.vision_cost[i]) + penalty) if mode.cost < least else mode
-            for i, mode in grid
-        ]
+        kept = [(i, mode) for i, mode in grid if mode.cost < least]
+        prior = [float(memory.vision_cost[i]) + penalty for i, _ in kept]
+        modes = [*seen, *self._refined(memory, [mode for _, mode in kept], prior)]
+        modes += [mode for _, mode in grid if mode.cost >= least]
         modes.sort(key=lambda mode: mode.cost)
         best = modes[0]
         second = next((mode for mode in modes if self._apart(memory, best, mode) > p.mode_distance), None)
         weight = 0.0 if second is None else float(1.0 / (1.0 + np.exp(0.5 * min(second.cost - best.cost, 200.0))))
-        both = self._both(memory, seen, best)
-        chosen = both or [best]
+        chosen = (self._both(memory, seen, best) if len(seen) > 1 else []) or [best]
         return Fusion(chosen, second, weight, self._forces(memory, chosen))
 
     def _world(self, memory: FusionMemory, mode: Mode) -> Array:
@@ -170,7 +170,7 @@ class ContactFusionLaw:
 
     def _seen(self, memory: FusionMemory) -> list[Mode]:
         """Return a refined mode for each place where the newest frame sees the person on the surface."""
-        modes = []
+        modes, priors = [], []
         for entry in memory.seen[-1]:
             points = [
                 e.p_LC
@@ -182,10 +182,11 @@ class ContactFusionLaw:
             normal = smooth_normal(self.robot.shapes, entry.link, anchor)
             away = max(entry.distance - self.params.near, 0.0) / self.params.far
             sigma = self.params.vision_sigma + self.params.width_share * entry.width
-            sigma = self.params.limb_sigma if entry.fitted else sigma
-            mode = Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, 0.0, anchor)
-            modes.append(self._refined(memory, mode, away**2))
-        return modes
+            if entry.limb_gap < np.inf:
+                sigma = self.params.limb_sigma + 0.5 * entry.limb_gap
+            modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, 0.0, anchor))
+            priors.append(away**2)
+        return self._refined(memory, modes, priors)
 
     def _grid_modes(self, memory: FusionMemory, cost: Array) -> list[tuple[int, Mode]]:
         """Return the best candidates that lie apart from one another."""
@@ -194,16 +195,23 @@ class ContactFusionLaw:
         chosen = kernels.best_apart(cost, x, int(self.params.modes), self.params.mode_distance)
         return [(i, Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf)) for i in chosen]
 
-    def _refined(self, memory: FusionMemory, mode: Mode, prior: float) -> Mode:
+    def _refined(self, memory: FusionMemory, modes: Sequence[Mode], priors: Sequence[float]) -> list[Mode]:
+        """Return modes at the points of their links where they cost least, with their priors in the cost."""
+        if not modes:
+            return []
         p, t, s = self.params, self.robot.tree, self.robot.shapes
-        anchor = mode.p_L if mode.anchor is None else mode.anchor
-        weight = p.memory ** np.arange(memory.count - 1, -1, -1)
-        p_L, n_L, cost = kernels.refine(
-            t.parent, memory.S, memory.R_WL, memory.p_WL, memory.r, weight, s.kind, s.size, self._inner, s.R_LS, s.p_LS,
-            s.link == mode.link, mode.link, mode.p_L, mode.n_L, anchor, mode.sigma,
-            p.torque_sigma, p.force_scale, p.friction, p.again, self._steps,
+        last, weight, r = memory.groups(_GROUP, p.memory)
+        points, normals, costs = kernels.refine_all(
+            t.parent, memory.S[last], memory.R_WL[last], memory.p_WL[last], r, weight, s.kind, s.size, self._inner,
+            s.R_LS, s.p_LS, s.link, np.array([mode.link for mode in modes]), np.array([mode.p_L for mode in modes]),
+            np.array([mode.n_L for mode in modes]),
+            np.array([mode.p_L if mode.anchor is None else mode.anchor for mode in modes]),
+            np.array([mode.sigma for mode in modes]), p.torque_sigma, p.force_scale, p.friction, p.again, self._steps,
         )  # fmt: skip
-        return mode._replace(p_L=p_L, n_L=n_L, cost=float(cost) + prior, prior=prior)
+        return [
+            mode._replace(p_L=points[k], n_L=normals[k], cost=float(costs[k]) + priors[k], prior=priors[k])
+            for k, mode in enumerate(modes)
+        ]
 
     def _jacobian(self, memory: FusionMemory, mode: Mode) -> Array:
         t, zero = self.robot.tree, np.zeros((self.robot.n, 6))
@@ -212,13 +220,33 @@ class ContactFusionLaw:
 
     def _forces(self, memory: FusionMemory, modes: list[Mode]) -> Array:
         p, r = self.params, memory.r[-1]
-        J = [self._jacobian(memory, mode) for mode in modes]
-        inward = [-memory.R_WL[-1, mode.link] @ mode.n_L for mode in modes]
         if not modes:
             return np.zeros((0, 3))
-        if len(modes) == 2:
-            return two_forces_in_cones(J[0], J[1], r, inward[0], inward[1], p.friction, p.rcond)
-        return force_in_cone(J[0], r, inward[0], p.friction, p.rcond)[None]
+        if len(modes) > 1:
+            lasting, _ = self._lasting(memory, modes)
+            J, inward = self._jacobians(memory, modes)
+            return expected_forces_in_cones(
+                J, r, inward, lasting, p.torque_sigma, p.force_along, p.force_across, p.friction
+            )[0]
+        return force_in_cone(
+            self._jacobian(memory, modes[0]), r, -memory.R_WL[-1, modes[0].link] @ modes[0].n_L, p.friction, p.rcond
+        )[None]
+
+    def _jacobians(self, memory: FusionMemory, modes: Sequence[Mode]) -> tuple[Array, Array]:
+        """Return Jacobians (k, 3, n) and inward normals (k, 3) of contacts in the newest frame."""
+        inward = np.array([-memory.R_WL[-1, mode.link] @ mode.n_L for mode in modes])
+        return np.array([self._jacobian(memory, mode) for mode in modes]), inward
+
+    def _lasting(self, memory: FusionMemory, modes: Sequence[Mode]) -> tuple[Array, float]:
+        """Return the forces (k, 3) at contacts that explain the mean residual of all frames, and their misfit."""
+        p = self.params
+        J, inward = self._jacobians(memory, modes)
+        weight = p.memory ** np.arange(memory.count - 1, -1, -1)
+        sigma = p.torque_sigma * np.sqrt(1.3 * np.sum(weight**2)) / np.sum(weight)
+        mean = weight @ memory.r / np.sum(weight)
+        return expected_forces_in_cones(
+            J, mean, inward, p.usual_force * inward, sigma, p.usual_along, p.usual_across, p.friction
+        )
 
     def _at_anchor(self, mode: Mode) -> Mode:
         """Return a seen mode where the cameras see it, before any residual has moved it."""
@@ -226,23 +254,17 @@ class ContactFusionLaw:
         return mode._replace(p_L=p_L, n_L=smooth_normal(self.robot.shapes, mode.link, p_L))
 
     def _both(self, memory: FusionMemory, seen: list[Mode], single: Mode) -> list[Mode]:
-        """Return two seen contacts if they explain the newest residual much better together than any one alone."""
-        p, r = self.params, memory.r[-1]
-        latest = {name: getattr(memory, name)[-1:] for name in ("S", "R_WL", "p_WL", "r", "seen")}
-        newest = replace(memory, **latest)
-        least = min(self._refined(newest, mode, mode.prior).cost for mode in (single, *seen)) + p.second_cost
+        """Return two seen contacts if they explain the mean residual much better together than any one alone."""
+        p = self.params
+        alone = [(single,), *((mode,) for mode in seen)]
+        least = min(self._lasting(memory, modes)[1] + modes[0].prior for modes in alone) - p.second_cost
         chosen: list[Mode] = []
         for i, j in combinations(range(len(seen)), 2):
             if self._apart(memory, seen[i], seen[j]) < p.second_distance:
                 continue
-            pair, cost = [self._at_anchor(seen[i]), self._at_anchor(seen[j])], np.inf
-            for _ in range(2):
-                forces = self._forces(newest, pair)
-                torques = [self._jacobian(newest, mode).T @ F for mode, F in zip(pair, forces)]
-                rests = [(r - torques[1 - k])[None] for k in range(2)]
-                pair = [self._refined(replace(newest, r=rest), mode, mode.prior) for mode, rest in zip(pair, rests)]
-                misfit = float(np.sum((r - sum(torques)) ** 2)) / p.torque_sigma**2
-                cost = pair[0].cost + pair[1].cost - misfit
-            if cost < least and min(np.linalg.norm(self._forces(newest, pair), axis=1)) > p.second_force:
-                chosen, least = pair, cost
+            pair = [self._at_anchor(seen[i]), self._at_anchor(seen[j])]
+            forces, misfit = self._lasting(memory, pair)
+            misfit += pair[0].prior + pair[1].prior
+            if misfit < least and min(np.linalg.norm(forces, axis=1)) > p.second_force:
+                chosen, least = pair, misfit
         return chosen

@@ -13,8 +13,8 @@ from saphari_drake.math.geometry import nearest_surface_point
 
 # Candidates whose free least squares costs so much more than the best one's, or than that of so many others, decide
 # nothing: their cone is left out.
-_NARROW = 80.0
-_MOST = 300
+_NARROW = 60.0
+_MOST = 200
 
 
 @njit(cache=True)
@@ -195,8 +195,8 @@ def share_free(p, a, depth, R_WC, p_WC, fx, fy, cx, cy, margin, lifts, free):
 def window_cost(parent, S, R_WL, p_WL, r, weight, link, p_L, n_L, sigma, force, mu, again, F):
     """Return a contact's cost over frames (k, …) and fill F (3,) with the newest frame's force.
 
-    It is the weighted sum of the misfits, and the mean spread: once, and the share `again` of it for each further frame,
-    because a force that lasts is not chosen anew in each.
+    It is the weighted sum of the misfits and the mean spread: once, and the share `again` of it for each further frame,
+    as a force that lasts is not chosen anew in each.
     """
     total, spreads, weights = 0.0, 0.0, 0.0
     p, a, H, b = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -254,3 +254,16 @@ def refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, own,
             if not moved:
                 break
     return p, n, best
+
+
+@njit(cache=True)
+def refine_all(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS, shape_link, links, starts, normals,
+               anchors, anchor_sigmas, sigma, force, mu, again, steps):  # fmt: skip
+    """Return points (m, 3), normals (m, 3) and costs (m,) of `refine` for m contacts."""
+    m = links.shape[0]
+    p, n, cost = np.empty((m, 3)), np.empty((m, 3)), np.empty(m)
+    for k in range(m):
+        p[k], n[k], cost[k] = refine(parent, S, R_WL, p_WL, r, weight, kind, size, inner, R_LS, p_LS,
+                                     shape_link == links[k], links[k], starts[k], normals[k], anchors[k],
+                                     anchor_sigmas[k], sigma, force, mu, again, steps)  # fmt: skip
+    return p, n, cost

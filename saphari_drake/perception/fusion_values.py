@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
@@ -27,8 +28,8 @@ class FusionParameters:
     rcond: float = 0.02
     # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
     felt: float = 5.0
-    # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches (≥ 0),
-    # and that of a fitted limb (m, > 0).
+    # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches, and
+    # that of a fitted limb (m, > 0).
     vision_sigma: float = 0.003
     width_share: float = 0.4
     limb_sigma: float = 0.006
@@ -52,20 +53,28 @@ class FusionParameters:
     # Share of a force that is new with each frame (0–1).
     again: float = 0.2
     frames: int = 8
+    # Forces of two contacts: a usual one along the normal (N, ≥ 0), its deviations along and across it (N, > 0),
+    # and those of a frame's force from the mean of the last frames (N, > 0).
+    usual_force: float = 20.0
+    usual_along: float = 15.0
+    usual_across: float = 6.0
+    force_along: float = 4.0
+    force_across: float = 3.0
     # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
-    # (N, ≥ 0) comes out, unless one contact costs less by more than this (≥ 0).
+    # (N, ≥ 0) comes out, and which explain the mean residual better than any one does by at least this cost (≥ 0).
     second_distance: float = 0.10
     second_force: float = 3.0
-    second_cost: float = 12.0
+    second_cost: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(
-            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near", "far",
+            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near",
+            "far",
             "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
-            "second_distance",
+            "second_distance", "usual_along", "usual_across", "force_along", "force_across",
         )  # fmt: skip
         require_non_negative(
-            self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force", "second_cost"
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force", "second_cost"
         )
         if not 0.0 <= self.memory <= 1.0:
             raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
@@ -110,6 +119,18 @@ class FusionMemory(Immutable):
     def count(self) -> int:
         """Number of frames kept."""
         return len(self.r)
+
+    def groups(self, size: int, memory: float) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the last frame (k,) of each group of `size` frames, the groups' weights (k,), mean residuals (k, n).
+
+        The newest frames are grouped first; a frame weighs `memory` times the one after it.
+        """
+        count = self.count
+        weight = memory ** np.arange(count - 1, -1, -1)
+        last = np.arange((count - 1) % size, count, size)
+        first = np.concatenate([[0], last[:-1] + 1])
+        weights = np.add.reduceat(weight, first)
+        return last, weights, np.add.reduceat(weight[:, None] * self.r, first) / weights[:, None]
 
 
 class Mode(NamedTuple):

@@ -20,7 +20,7 @@ _PRIOR = 0.003  # weight of the first radius, as a share of all readings
 _LEAST, _MOST = 0.004, 0.08  # m, radii
 _SCALE = 0.004  # m, distance from the cylinder that counts as noise at least
 _SAMPLES = 41  # points of the axis
-_BEYOND = 0.06  # m, how far the axis may go on where no more of it is seen
+_BEYOND = 0.03  # m, how far the axis may go on where no more of it is seen
 
 
 @njit(cache=True)
@@ -132,7 +132,7 @@ def fit_limb(point):
 
 @njit(cache=True)
 def _nearest(kind, size, link, R_CS, p_CS, p, local, surface, normal, out):
-    """Return link and distance (m) of the moving shape nearest to p (3,), and fill `out` (3,) with its surface point."""
+    """Return link and distance (m) of the moving shape nearest to p (3,); fill `out` (3,) with its surface point."""
     best, on = np.inf, -1
     for s in range(kind.shape[0]):
         if link[s] < 0:

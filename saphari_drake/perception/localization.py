@@ -10,7 +10,6 @@ from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.geometry import bounding_capsules, nearest_surface_point
-from saphari_drake.math.rotations import skew
 from saphari_drake.perception import limb_kernels, nearest_kernels, person_kernels
 from saphari_drake.perception.background import Depth, background_depth
 from saphari_drake.perception.distance_kernels import distances
@@ -43,8 +42,8 @@ class Localization(NamedTuple):
         The person's points in the world (m).
     width : float
         Deviation across the view (m) of the part of the person that is near the point.
-    fitted : bool
-        Whether the point is where a limb touches that was fitted to the readings; the distance is that of its skin.
+    limb_gap : float
+        How far from touching a limb is that was fitted to the readings and gave the point (m; ∞: none was).
     """
 
     link: int
@@ -54,7 +53,7 @@ class Localization(NamedTuple):
     seen: float
     human_points: Array
     width: float = 0.0
-    fitted: bool = False
+    limb_gap: float = np.inf
 
 
 class ContactVision:
@@ -154,51 +153,38 @@ class ContactVision:
             )  # fmt: skip
             if link < 0:
                 break
-            link, p_LC, n_L, width = self._touched(link, p_C, extent, R_WL, p_WL, R_WS, p_WS)
-            place = Localization(link, distance, p_LC, n_L, seen, points, width)
-            place = self._behind(place, readings[0], p_C, R_CS, p_CS, R_WL, p_WL)
-            found.append(place)
-            if place.distance > p.gate:
+            link, p_CT, n_C, width = nearest_kernels.behind_the_view(
+                shapes.kind, shapes.size, shapes.link, R_CS, p_CS, link, p_C, extent, p.thickness, p.least_thickness,
+                p.most_thickness,
+            )  # fmt: skip
+            limb = self._limb(readings[0], p_C, R_CS, p_CS) if width > p.limb_width else None
+            if limb is None or distance > p.limb_distance:
+                gap = np.inf
+            else:
+                link, p_CT, n_C, gap = limb
+                distance = max(gap, 0.0)
+            R_LC = R_WL[link].T @ R_WC
+            p_LC = R_LC @ p_CT + R_WL[link].T @ (p_WC - p_WL[link])
+            found.append(Localization(link, distance, p_LC, R_LC @ n_C, seen, points, width, abs(gap)))
+            if distance > p.gate:
                 break
             readings = nearest_kernels.away_from(*readings, p_C, apart)
         return found or [Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)]
 
-    def _behind(
-        self, place: Localization, readings: Array, p_C: Array, R_CS: Array, p_CS: Array, R_WL: Array, p_WL: Array
-    ) -> Localization:
-        """Return the place where a broad limb touches behind what the camera sees of it, if a limb suits."""
+    def _limb(self, readings: Array, p_C: Array, R_CS: Array, p_CS: Array) -> tuple[int, Array, Array, float] | None:
+        """Return link, point, normal (in C) and gap (m) where a limb around p_C touches, if one suits the readings."""
         p, s = self.params, self.shapes
-        if place.width < p.limb_width or place.distance > p.limb_distance:
-            return place
         cloud = limb_kernels.readings_around(readings, p_C, p.limb_reach, _LIMB_READINGS)
         if len(cloud) < p.component:
-            return place
+            return None
         c, u, radius, first, last = limb_kernels.fit_limb(cloud)
-        link, p_C, d = limb_kernels.limb_contact(
+        link, p_CT, d = limb_kernels.limb_contact(
             s.kind, s.size, s.link, R_CS, p_CS, c, u, radius, first, last, p.limb_softness
         )
-        if abs(d - radius) > p.limb_gap:
-            return place
-        p_LC, n_L = self.on_surface(link, R_WL[link].T @ (self._R_WC @ p_C + self._p_WC - p_WL[link]))
-        return place._replace(link=link, distance=max(d - radius, 0.0), p_LC=p_LC, n_L=n_L, fitted=True)
-
-    def _touched(
-        self, link: int, p_C: Array, extent: Array, R_WL: Array, p_WL: Array, R_WS: Array, p_WS: Array
-    ) -> tuple[int, Array, Array, float]:
-        """Return link, contact point, normal (link frame) and width of what touches for the surface point under it."""
-        p, R_WC, p_WC = self.params, self._R_WC, self._p_WC
-        p_LC, n_L = self.on_surface(link, R_WL[link].T @ (R_WC @ p_C + p_WC - p_WL[link]))
-        R_LC = R_WL[link].T @ R_WC
-        ray_L = R_LC @ (p_C / np.linalg.norm(p_C))
-        across = R_LC.T @ (skew(n_L) @ ray_L)
-        width = float(np.sqrt(max(across @ extent @ across, 0.0)) / max(np.linalg.norm(across), 1e-9))
-        behind = min(max(p.thickness * width, p.least_thickness), p.most_thickness)
-        p_W = p_WL[link] + R_WL[link] @ (p_LC + behind * (ray_L - (ray_L @ n_L) * n_L))
-        shape, _, p_WC, n_W = nearest_surface_point(
-            self.shapes.kind, self.shapes.size, R_WS, p_WS, self.shapes.link >= 0, p_W
-        )
-        link = int(self.shapes.link[shape])
-        return link, R_WL[link].T @ (p_WC - p_WL[link]), R_WL[link].T @ n_W, width
+        if abs(d - radius) > p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
+            return None
+        _, _, p_CT, n_C = nearest_surface_point(s.kind, s.size, R_CS, p_CS, s.link == link, p_CT)
+        return link, p_CT, n_C, d - radius
 
     def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:
         """Return the surface point of a link nearest to p_L and the outward normal there, all in the link's frame."""

@@ -42,7 +42,7 @@ class LocalizerParameters:
     # nearest reading is no farther than this (m, > 0). Softness of a limb (m, > 0).
     limb_width: float = 0.009
     limb_reach: float = 0.12
-    limb_gap: float = 0.005
+    limb_gap: float = 0.010
     limb_distance: float = 0.08
     limb_softness: float = 0.003
     # Distance of the person below which a contact is possible (m, > 0).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from saphari_drake.math.geometry import surface_point_local
+from saphari_drake.math.geometry import nearest_surface_point, surface_point_local
 
 
 @njit(cache=True)
@@ -92,3 +92,33 @@ def away_from(point, distance, owner, p, apart):
         a, b, c = point[i, 0] - p[0], point[i, 1] - p[1], point[i, 2] - p[2]
         left[i] = a * a + b * b + c * c >= apart * apart
     return point[left], distance[left], owner[left]
+
+
+@njit(cache=True)
+def behind_the_view(kind, size, link, R_CS, p_CS, on, p, extent, share, least, most):
+    """Move a surface point (3,) of link `on` behind what the camera sees of a thing that is as thick as it is wide.
+
+    The camera sees the near side; the middle lies behind it along the surface by `share` of the width, at least `least`
+    and at most `most` (m).
+
+    Returns
+    -------
+    link, p (3,), n (3,) : the surface point of any moving link there (m), and its outward normal, in C
+    width : deviation of the extent (3, 3) across the view (m)
+    """
+    _, _, surface, n = nearest_surface_point(kind, size, R_CS, p_CS, link == on, p)
+    away = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    ray, across = p / away, np.empty(3)
+    along = ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2]
+    across[0] = n[1] * ray[2] - n[2] * ray[1]
+    across[1] = n[2] * ray[0] - n[0] * ray[2]
+    across[2] = n[0] * ray[1] - n[1] * ray[0]
+    norm = max(np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2), 1e-9)
+    variance = 0.0
+    for i in range(3):
+        for j in range(3):
+            variance += across[i] * extent[i, j] * across[j]
+    width = np.sqrt(max(variance, 0.0)) / norm
+    shift = min(max(share * width, least), most)
+    s, _, q, m = nearest_surface_point(kind, size, R_CS, p_CS, link >= 0, surface + shift * (ray - along * n))
+    return link[s], q, m, width

@@ -144,7 +144,7 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
 
 @njit(cache=True)
 def person_readings(z, x, y, best, owner, human, region, box, reach):
-    """Return points (k, 3) in C (m), distances (k,) and nearest shapes (k,) of the person's pixels within `reach` (m)."""
+    """Return points (k, 3) in C, distances (k,) and nearest shapes (k,) of the person's pixels within `reach` (m)."""
     top, bottom, first, last = box
     count = 0
     for i in range(top, bottom):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
@@ -129,14 +130,26 @@ def _ever_free(
         q = robot.home if k == 0 else rng.uniform(low, high)
         R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
-        for i in np.flatnonzero(~free):
-            p_W = p_WL[link[i]] + R_WL[link[i]] @ p_L[i]
-            free[i] = all(
-                surface_point(shapes.kind[s], shapes.size[s], R_WS[s], p_WS[s], p_W)[0] > -_COVER
-                for s in range(shapes.count)
-                if s != own[i]
-            )
+        _add_free(shapes.kind, shapes.size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free)
     return free
+
+
+@njit(cache=True)
+def _add_free(kind, size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free):
+    """Mark the points that lie outside all shapes but their own in one posture."""
+    p = np.empty(3)
+    for i in range(own.shape[0]):
+        if free[i]:
+            continue
+        R = R_WL[link[i]]
+        for k in range(3):
+            p[k] = p_WL[link[i], k] + R[k, 0] * p_L[i, 0] + R[k, 1] * p_L[i, 1] + R[k, 2] * p_L[i, 2]
+        covered = False
+        for s in range(kind.shape[0]):
+            if s != own[i] and surface_point(kind[s], size[s], R_WS[s], p_WS[s], p)[0] <= -_COVER:
+                covered = True
+                break
+        free[i] = not covered
 
 
 def _spread(points: Array, count: int) -> NDArray[np.int64]:

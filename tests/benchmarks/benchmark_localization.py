@@ -16,7 +16,7 @@ from saphari_drake.robots.catalog import lwr4
 from saphari_drake.simulation.contact_scenes import KINDS, ContactScenes, SceneParameters
 from saphari_drake.simulation.published_localization import published_localization
 
-SCENES, FRAMES = 60, 8
+SCENES, FRAMES = 30, 8
 CAMERAS = [CameraParameters(), CameraParameters(position=[1.2, 1.4, 1.2])]
 
 
