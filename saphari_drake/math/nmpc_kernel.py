@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 # A curved path leaves its chord by at most max ‖p̈‖ T_s²/8; ‖p̈‖ is bounded at the end of the interval, and this factor
 # covers its change over the interval.
 CURVATURE_FACTOR = 1.25
+# What keeps the Hessian definite across active rows, in multiples of their curvature; see `evaluate`.
+STIFFENING = 10.0
 # m; added to the minimum distance with the margin between samples, for what an iteration leaves.
 PAD = 1.0e-5
 
@@ -331,7 +333,7 @@ def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, multipliers, exact, deriva
                     if multipliers.stage[e] == k and multipliers.point[e] == i:
                         bent, o, lam = True, multipliers.obstacle[e], 2.0 * multipliers.value[e]
                         dx, dy, dz = x[0] - p_WO[k, o, 0], x[1] - p_WO[k, o, 1], x[2] - p_WO[k, o, 2]
-                        v = lam / (dx * dx + dy * dy + dz * dz)
+                        v = STIFFENING * lam / (dx * dx + dy * dy + dz * dz)
                         F[0] -= lam * dx
                         F[1] -= lam * dy
                         F[2] -= lam * dz

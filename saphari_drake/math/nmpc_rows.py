@@ -41,7 +41,8 @@ def reachable(data, q0, k):
 def sagitta(data, q_a, q_b, J, link):
     """Return how far (m) a point leaves the chord between q_a and q_b; J (n, 3) is its Jacobian at q_b.
 
-    p̈ = Σ_ij (ω_i × J_j) q̇_i q̇_j over i ≤ j with i revolute, those with i < j twice.
+    p̈ = Σ_ij (ω_i × J_j) q̇_i q̇_j over i ≤ j with i revolute, those with i < j twice. A platform that cannot
+    slip goes along an arc instead of its chord, on top of that.
     """
     turning, total = 0.0, 0.0
     for a in range(data.depth[link]):
@@ -51,6 +52,9 @@ def sagitta(data, q_a, q_b, J, link):
         total += length * step * (2.0 * turning + (step if data.revolute[j] else 0.0))
         if data.revolute[j]:
             turning += step
+    if data.base.shape[0] == 3:
+        x, y, t = data.base[0], data.base[1], data.base[2]
+        total += np.hypot(q_b[x] - q_a[x], q_b[y] - q_a[y]) * abs(q_b[t] - q_a[t])
     return CURVATURE_FACTOR * total / 8.0
 
 
