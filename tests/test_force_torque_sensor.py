@@ -5,7 +5,7 @@ import pytest
 from arms import INERTIAL
 from bench import Bench
 from pydrake.common.value import AbstractValue
-from pydrake.math import RotationMatrix
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
@@ -162,10 +162,10 @@ def test_a_moving_tool_is_read_without_its_inertia(robot):
     plant = rig.cell.plant
     rig.hold(POSTURES[1], [0.0, 0.0, 0.0], seconds=0.003, lock=False)
     plant.SetVelocities(rig.plant_context, rig.cell.instance, [1.0, -0.8, 0.5, 1.0, -0.6, 0.8, 1.2])
-    before = np.array(plant.GetVelocities(rig.plant_context, rig.cell.instance))
     rig.simulator.AdvanceTo(rig.context.get_time() + 0.001)
+    before = np.array(plant.GetVelocities(rig.plant_context, rig.cell.instance))
+    rig.simulator.AdvanceTo(rig.context.get_time() + 2e-5)  # one step, and the sample of it
     after = np.array(plant.GetVelocities(rig.plant_context, rig.cell.instance))
-    rig.simulator.AdvanceTo(rig.context.get_time() + 2e-5)
     uncorrected = rig.read()
     rig.sensor.GetInputPort("acceleration_measured").FixValue(rig.own, (after - before) / 0.001)
     corrected = rig.read()
@@ -218,7 +218,7 @@ def test_a_tool_is_identified_from_postures(robot, exact):
 def test_identification_of_many_noisy_postures():
     rng = np.random.default_rng(0)
     tool, bias = ToolParameters(1.2, [0.01, 0.02, 0.07]), np.array([0.1, 0.0, -0.1, 3.0, -1.0, 2.0])
-    R_WS = np.array([RotationMatrix.ProjectToRotationMatrix(rng.normal(size=(3, 3))).matrix() for _ in range(60)])
+    R_WS = np.array([RollPitchYaw(*rng.uniform(-3.0, 3.0, 3)).ToRotationMatrix().matrix() for _ in range(60)])
     noise = rng.normal(size=(60, 6)) * [0.002, 0.002, 0.002, 0.05, 0.05, 0.05]
     found = identify_tool(R_WS, np.array([tool_wrench(tool, R, G) for R in R_WS]) + bias + noise, G)
     assert found.tool.mass == pytest.approx(1.2, abs=0.005)
