@@ -72,8 +72,8 @@ def read_human_motion(path: str | Path) -> HumanRecording:
 def synthetic_recording(rate: float = 30.0, duration: float = 24.0) -> HumanRecording:
     """Return a made-up person, facing the camera, who reaches forwards with one hand after the other.
 
-    Shoulders 0.95 m away; the wrists rest 0.70 m away and reach to 0.40 m, at up to 0.53 m/s. Upper arm and forearm are
-    0.30 and 0.26 m long.
+    Shoulders 0.95 m away; the wrists rest 0.70 m away. Every 6 s each reaches to about 0.40 m and back again within
+    2.4 s, at up to 0.6 m/s; the left one begins. Upper arm and forearm are 0.30 and 0.26 m long.
 
     Parameters
     ----------
@@ -88,14 +88,19 @@ def synthetic_recording(rate: float = 30.0, duration: float = 24.0) -> HumanReco
         shoulder = np.array([0.20 * sign, -0.28, 0.95]) + np.column_stack(
             [0.02 * np.sin(0.5 * time), 0.0 * time, -0.10 * (0.5 - 0.5 * np.cos(0.9 * time))]
         )
-        phase = 0.9 * time - np.pi * side
-        reach = np.clip(np.sin(phase), 0.0, None) ** 2
+        reach = _reach(time - 3.0 * side)
         wrist = np.array([0.16 * sign, 0.06, 0.70]) + np.column_stack(
             [-0.12 * sign * reach, -0.10 * reach, -0.40 * reach]
         )
         elbow, wrist = _bent_arm(shoulder, wrist, np.array([0.5 * sign, 1.0, 0.3]))
         points[:, side], points[:, 2 + side], points[:, 4 + side] = wrist, elbow, shoulder
     return HumanRecording(points, "synthetic")
+
+
+def _reach(time: Array, pause: float = 6.0, lasts: float = 2.4) -> Array:
+    """Share of the reach (T,): from 0 to 1 and back, smoothly, once every `pause` (s) from then on."""
+    a = np.clip(np.where(time < 0.0, 0.0, time % pause) / lasts, 0.0, 1.0)
+    return np.sin(np.pi * a) ** 2
 
 
 def _bent_arm(shoulder: Array, wrist: Array, outward: Array, upper: float = 0.30, lower: float = 0.26):

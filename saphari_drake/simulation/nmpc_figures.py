@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from saphari_drake.port_values import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.figures import BOUND, CYCLE, STYLE, blank, legend
-from saphari_drake.simulation.nmpc_cell import KNOWN, add_robot
+from saphari_drake.simulation.nmpc_cell import add_robot
 from saphari_drake.simulation.nmpc_jobs import NmpcJob, frame_pose, point_positions
 from saphari_drake.simulation.nmpc_run import NmpcRun
 from saphari_drake.simulation.overlays import Arrow, Marker
@@ -202,8 +202,3 @@ def _predicted(run: NmpcRun, times: Array) -> list[Arrow | Marker]:
                 for q in motion[:, k]]  # fmt: skip
         result.append(Marker(f"predicted {k}", np.array(tips)[held], 0.012, (0.80, 0.1, 0.5)))
     return result
-
-
-def known_obstacles(run: NmpcRun) -> Array:
-    """Return the obstacle points that the controller knew, (T, KNOWN, 4): position and radius (m), NaN where none."""
-    return run.steps["obstacles_known"].reshape(len(run.steps.time), KNOWN, 4)

@@ -25,6 +25,7 @@ from saphari_drake.simulation.nmpc_run import NmpcRun, counts, margins, timing
 
 Array = NDArray[np.float64]
 
+LEAN = 0.6  # rad
 # Weights of the pose far above those of the posture, whose pull would leave an error.
 _POSE = [100.0, 100.0, 100.0, 10.0, 10.0, 10.0]
 
@@ -33,7 +34,7 @@ def pose_controller() -> NmpcParameters:
     """Return weights for a pose that is reached and kept."""
     return NmpcParameters(
         Q_v=[0.05], Q_q=[1e-4], R_q=[1e-4], Q_e=_POSE, R_e=[5.0 * w for w in _POSE], velocity_scale=[0.5],
-        clearance_margin=0.001, exact_hessian=False, retreat=True,
+        clearance_margin=0.001, retreat=True,
     )  # fmt: skip
 
 
@@ -41,7 +42,7 @@ def pose_controller() -> NmpcParameters:
 class ManipulatorParameters:
     """The manipulator's job and its cell."""
 
-    # deg; joint positions at the start. Empty: home, moved into the joint limits.
+    # deg; joint positions at the start. Empty: home, or a bent posture where that is near a joint limit.
     start_deg: list[float] = field(default_factory=list)
     # deg; posture whose end-effector pose is the reference. Empty: the start with its first joint turned by `turn_deg`.
     goal_deg: list[float] = field(default_factory=list)
@@ -88,18 +89,19 @@ def points_along(robot: RobotModel, end_effector: str, d_min: float, c: float, c
 def obstacles_beside(
     robot: RobotModel, points: tuple[TestPoint, ...], start: Array, goal: Array, near: float = 0.08
 ) -> Array:
-    """Return two points (2, 3): `near` (m) beside the arm's middle at the goal, and above it halfway.
+    """Return two points (2, 3): `near` (m) beside the arm's forearm at the goal, and 0.3 m above it halfway.
 
-    The first lies at the side to which the middle sticks out from the line between the arm's ends, so that the arm
-    can get away by turning about that line.
+    The forearm is where the test point after the elbow is, and the elbow is the one farthest from the line between the
+    first and the last. The obstacle is at the side to which it sticks out, so that the arm can get away by turning
+    about that line.
     """
-    middle = len(points) // 2 - 1
     at_goal = point_positions(robot, points, evaluate_dynamics(robot, goal, np.zeros(robot.n)))
     halfway = point_positions(robot, points, evaluate_dynamics(robot, 0.5 * (start + goal), np.zeros(robot.n)))
-    line = at_goal[-1] - at_goal[0]
-    out = at_goal[middle] - at_goal[0]
-    out -= line * float(out @ line) / float(line @ line)
-    out /= max(float(np.linalg.norm(out)), 1e-9)
+    line = (at_goal[-1] - at_goal[0]) / np.linalg.norm(at_goal[-1] - at_goal[0])
+    aside = at_goal - at_goal[0]
+    aside -= np.outer(aside @ line, line)
+    middle = min(int(np.argmax(np.linalg.norm(aside, axis=1))) + 1, len(points) - 1)
+    out = aside[middle] / np.linalg.norm(aside[middle])
     return np.array([at_goal[middle] + near * out, halfway[middle] + np.array([0.0, 0.0, 0.30])])
 
 
@@ -127,11 +129,17 @@ def _posture(robot: RobotModel, degrees: list[float], default: Array) -> Array:
 
 
 def _inside(robot: RobotModel, q: Array) -> Array:
-    """Return joint positions at least a fifth of the range away from the limits."""
+    """Return `q`, or a bent posture in its place if a joint is nearer to a limit than a tenth of its range.
+
+    As a file without a home has it: such joints go to the middle of their range, and the second one leans the arm over.
+    """
     limited = np.isfinite(robot.q_min) & np.isfinite(robot.q_max)
-    span = np.where(limited, robot.q_max - robot.q_min, 0.0)
-    low, high = np.where(limited, robot.q_min, -np.inf), np.where(limited, robot.q_max, np.inf)
-    return np.clip(q, low + 0.2 * span, high - 0.2 * span)
+    low, high = np.where(limited, robot.q_min, -1.0), np.where(limited, robot.q_max, 1.0)
+    near = limited & (np.minimum(q - low, high - q) < 0.1 * (high - low))
+    posture = np.where(near, 0.5 * (low + high), q)
+    if near.any() and robot.n > 1:
+        posture[1] = np.clip(posture[1] + LEAN, low[1], high[1])
+    return posture
 
 
 def _last_link(robot: RobotModel) -> str:

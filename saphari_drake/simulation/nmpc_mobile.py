@@ -41,7 +41,7 @@ class MobilePathParameters:
 
 def person_beside_the_path() -> HumanMotionParameters:
     """Return a person who stands at the right of the path and reaches across it."""
-    return HumanMotionParameters(position=[-0.45, 3.0, 1.2])
+    return HumanMotionParameters(position=[-0.35, 3.0, 1.3])
 
 
 def problem_controller() -> NmpcParameters:
@@ -116,7 +116,7 @@ def controller_for(case: str, params: NmpcParameters) -> NmpcParameters:
     params.obstacle_constraints = case not in ("1", "2")
     params.nonholonomic = list(BASE) if case == "nonholonomic" else []
     if case in ("human", "human_seen"):
-        # A hand that starts to move with 2 m/s² is 3 cm from where it was expected after the 0.17 s of a stop.
-        params.clearance_margin = 0.03
+        # A hand that starts to move with 4 m/s² is 5 cm from where it was expected before a stop has begun to work.
+        params.clearance_margin = 0.05
         params.retreat = True
     return params

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from saphari_drake.port_values import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.experiment import Log, Metric, advance
-from saphari_drake.simulation.nmpc_cell import NmpcCell
+from saphari_drake.simulation.nmpc_cell import KNOWN, NmpcCell
 from saphari_drake.simulation.nmpc_jobs import clearance, frame_pose, point_positions
 from saphari_drake.simulation.wheels import lateral_slip
 
@@ -154,3 +154,8 @@ def margins(run: NmpcRun) -> list[Metric]:
         Metric("torque_excess_max", np.abs(log["torque_excess"]).max(), "Nm, N"),
         Metric("real_time_factor", run.real_time_factor, "1", decides=False),
     ]
+
+
+def known_obstacles(run: NmpcRun) -> Array:
+    """Return the obstacle points that the controller knew, (T, KNOWN, 4): position and radius (m), NaN where none."""
+    return run.steps["obstacles_known"].reshape(len(run.steps.time), KNOWN, 4)
