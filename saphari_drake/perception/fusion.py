@@ -225,9 +225,8 @@ class ContactFusionLaw:
         if len(modes) > 1:
             lasting, _ = self._lasting(memory, modes)
             J, inward = self._jacobians(memory, modes)
-            return expected_forces_in_cones(
-                J, r, inward, lasting, p.torque_sigma, p.force_along, p.force_across, p.friction
-            )[0]
+            sigma = np.hypot(p.torque_sigma, p.usual_force * p.vision_sigma)  # noise, and the points' own deviation
+            return expected_forces_in_cones(J, r, inward, lasting, sigma, p.force_along, p.force_across, p.friction)[0]
         return force_in_cone(
             self._jacobian(memory, modes[0]), r, -memory.R_WL[-1, modes[0].link] @ modes[0].n_L, p.friction, p.rcond
         )[None]
@@ -243,6 +242,7 @@ class ContactFusionLaw:
         J, inward = self._jacobians(memory, modes)
         weight = p.memory ** np.arange(memory.count - 1, -1, -1)
         sigma = p.torque_sigma * np.sqrt(1.3 * np.sum(weight**2)) / np.sum(weight)
+        sigma = np.hypot(sigma, p.usual_force * p.vision_sigma)
         mean = weight @ memory.r / np.sum(weight)
         return expected_forces_in_cones(
             J, mean, inward, p.usual_force * inward, sigma, p.usual_along, p.usual_across, p.friction

@@ -2,71 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Capsule, Sphere
+from pydrake.geometry import Capsule, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.geometry import CAPSULE, nearest_surface_point, surface_point
-from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception.depth_noise import DepthNoiseParameters, add_kinect_noise
+from saphari_drake.perception.depth_noise import add_kinect_noise
 from saphari_drake.perception.rgbd_camera import CameraParameters, add_depth_camera, camera_pose, ray_tables
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.scene_parameters import KINDS, SceneParameters, room_depth
+
+__all__ = ["KINDS", "ContactScenes", "SceneParameters", "Touch", "room_depth"]
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
 
-KINDS = ("finger", "fist", "forearm")
-_WHITE = np.ones(4)
+_SKIN = np.array([0.85, 0.65, 0.52, 1.0])
 _AWAY = RigidTransform([0.0, 0.0, -50.0])
-
-
-@dataclass
-class SceneParameters:
-    """How scenes are drawn. Ranges are [low, high], uniform. All A."""
-
-    # Hands of different size that are drawn from (≥ 1), and their dimensions (m).
-    hands: int = 6
-    finger_radius: list[float] = field(default_factory=lambda: [0.006, 0.012])
-    finger_length: list[float] = field(default_factory=lambda: [0.05, 0.08])
-    fist_radius: list[float] = field(default_factory=lambda: [0.035, 0.050])
-    forearm_radius: list[float] = field(default_factory=lambda: [0.030, 0.045])
-    forearm_length: list[float] = field(default_factory=lambda: [0.22, 0.30])
-    # rad; largest deviation of each joint from home, and rad/s of each joint while it moves.
-    posture: float = 0.8
-    speed: float = 0.15
-    # m; least distance of the contact point from the other links' surfaces, which would share it.
-    margin: float = 0.010
-    # N; size of the force, the tangent of its angle to the normal, and the share by which it wanders over frames.
-    force: list[float] = field(default_factory=lambda: [10.0, 40.0])
-    friction: float = 0.45
-    wander: float = 0.15
-    # Nm; standard deviation of the residual of each joint, and the share of it that the next frame repeats.
-    torque_noise: float = 0.2
-    torque_memory: float = 0.2
-    # A contact counts as visible if at least so many pixels of the person lie so near to it (m).
-    visible_pixels: int = 12
-    visible_radius: float = 0.03
-    noise: DepthNoiseParameters = field(default_factory=DepthNoiseParameters)
-
-    def __post_init__(self) -> None:
-        ranges = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length", "force")
-        require_positive(self, *ranges, "hands", "posture", "visible_pixels", "visible_radius")
-        require_non_negative(self, "speed", "margin", "friction", "wander", "torque_noise")
-        for name in ranges:
-            value = getattr(self, name)
-            if len(value) != 2 or value[0] > value[1]:
-                raise ParameterError(name, f"needs [low, high], got {value}")
-        if not 0.0 <= self.torque_memory < 1.0:
-            raise ParameterError("torque_memory", f"must lie in 0–1, got {self.torque_memory}")
 
 
 class Touch(NamedTuple):
@@ -118,10 +78,14 @@ class ContactScenes:
         names = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length")
         self.sizes = np.array([[rng.uniform(*getattr(params, name)) for name in names] for _ in range(params.hands)])
         builder = DiagramBuilder()
-        self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        self._arm = robot.add_to(self.plant)
-        self._hands = {(k, hand): self._add_hand(k, hand) for hand in range(params.hands) for k in ("finger", "fist")}
-        self.plant.Finalize()
+        self.plant = self.add_plant(builder)
+        scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
+        self._arm = self.plant.GetModelInstanceByName(self._arm_name)
+        self._hands = {
+            (kind, hand): self.plant.GetBodyByName(f"{kind}_{hand}")
+            for hand in range(params.hands)
+            for kind in ("finger", "fist")
+        }
         for k, camera in enumerate(cameras):
             system = add_depth_camera(builder, scene_graph, camera, f"camera_{k}")
             builder.ExportOutput(system.GetOutputPort("depth_image_32f"), f"depth_image_{k}")
@@ -131,15 +95,22 @@ class ContactScenes:
         self._room = [room_depth(camera) for camera in cameras]
         self._place({})
 
-    def _add_hand(self, kind: str, hand: int):
+    def add_plant(self, builder: DiagramBuilder) -> MultibodyPlant:
+        """Add a plant with the robot and all hands, finalized, and its scene graph to a builder."""
+        plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+        self._arm_name = plant.GetModelInstanceName(self.robot.add_to(plant))
+        for hand in range(self.params.hands):
+            for kind in ("finger", "fist"):
+                self._add_hand(plant, kind, hand)
+        plant.Finalize()
+        return plant
+
+    def _add_hand(self, plant: MultibodyPlant, kind: str, hand: int) -> None:
         """Add a free body: z away from the contact, origin at the tip of the finger, or of the fist without one."""
         name = f"{kind}_{hand}"
-        body = self.plant.AddRigidBody(
-            name, self.plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05)
-        )
+        body = plant.AddRigidBody(name, plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05))
         for shape, z, part in self._parts(kind, hand):
-            self.plant.RegisterVisualGeometry(body, RigidTransform([0.0, 0.0, z]), shape, f"{name}_{part}", _WHITE)
-        return body
+            plant.RegisterVisualGeometry(body, RigidTransform([0.0, 0.0, z]), shape, f"{name}_{part}", _SKIN)
 
     def _parts(self, kind: str, hand: int):
         finger, length, fist, arm, arm_length = self.sizes[hand]
@@ -235,8 +206,8 @@ class ContactScenes:
 
     # ---- what sensors show --------------------------------------------------------------------------------------
 
-    def images(self, touches: list[Touch], q: Array) -> list[Depth]:
-        """Return the exact depth image of each camera with the robot at q and the hands where they touch it."""
+    def pose(self, touches: list[Touch], q: Array) -> None:
+        """Put the robot at q and the hands where they touch it, all others away."""
         terms = self.poses(q)
         placed = {}
         for touch in touches:
@@ -244,6 +215,15 @@ class ContactScenes:
             placed["finger" if touch.kind == "finger" else "fist", touch.hand] = X_WL @ touch.X_LH
         self._place(placed)
         self.plant.SetPositions(self._plant_context, self._arm, q)
+
+    def positions(self, touches: list[Touch], q: Array) -> Array:
+        """Return all positions of the plant with the robot at q and the hands where they touch it."""
+        self.pose(touches, q)
+        return self.plant.GetPositions(self._plant_context)
+
+    def images(self, touches: list[Touch], q: Array) -> list[Depth]:
+        """Return the exact depth image of each camera with the robot at q and the hands where they touch it."""
+        self.pose(touches, q)
         return [
             np.minimum(self.diagram.get_output_port(k).Eval(self._context).data[..., 0], room)
             for k, room in enumerate(self._room)
@@ -306,18 +286,6 @@ class ContactScenes:
         for k in range(1, frames):
             noise[k] = p.torque_memory * noise[k - 1] + np.sqrt(1.0 - p.torque_memory**2) * noise[k]
         return noise
-
-
-def room_depth(camera: CameraParameters, half_width: float = 2.4) -> Depth:
-    """Return the depth (m) of an empty room with the floor at z = 0 and walls at ± `half_width` (m)."""
-    X_WC = camera_pose(camera)
-    x, y = ray_tables(camera)
-    rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1) @ X_WC.rotation().matrix().T
-    p = X_WC.translation()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        planes = [-p[2] / rays[..., 2], *((np.sign(rays[..., i]) * half_width - p[i]) / rays[..., i] for i in range(2))]
-    depth = np.min([np.where(t > 0.0, t, np.inf) for t in planes], axis=0)
-    return np.where(depth > camera.far, np.inf, depth).astype(np.float32)
 
 
 def _unit(a: Array) -> Array:
