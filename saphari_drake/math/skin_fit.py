@@ -219,3 +219,84 @@ def _cost(forces, weight, shape, force, prior, share):
         mean, aspect = _pulls(shape[k], prior)
         total += square * ((prior[2] * mean) ** 2 + prior[3] ** 2 * (aspect**2 + shape[k, 4] ** 2))
     return total
+
+
+@njit(cache=True)
+def fit_window(f_L, usable, rows, columns, u, v, pitch, floor, shape, force, prior, rounds, share):
+    """Fit bells to the modules of a window of a patch; return what they leave there as a share of the forces.
+
+    Parameters
+    ----------
+    f_L : (m, 3) array
+        Force of each module of the patch (N).
+    usable : (m,) bool array
+    rows, columns : (2,) int arrays
+        First row and column of the window, and those behind its last.
+    u, v : arrays
+        Surface coordinates of all rows and columns of the patch (m).
+    pitch, floor : float
+        Spacing (m), and what a module's weight rests on: w = 1/(floor + its force/the largest)², 1 for the least.
+    shape, force, prior, rounds
+        As in `fit_bells`.
+    share : (K, m) array
+        Filled with the bells, zero outside the window.
+    """
+    width = columns[1] - columns[0]
+    count, bells = (rows[1] - rows[0]) * width, shape.shape[0]
+    forces, weight, part = np.empty((count, 3)), np.zeros(count), np.empty((bells, count))
+    largest, total = 1e-9, 1e-18
+    for k in range(count):
+        i = (rows[0] + k // width) * v.shape[0] + columns[0] + k % width
+        forces[k] = f_L[i]
+        if usable[i]:
+            square = f_L[i, 0] ** 2 + f_L[i, 1] ** 2 + f_L[i, 2] ** 2
+            weight[k] = math.sqrt(square)
+            largest, total = max(largest, weight[k]), total + square
+    for k in range(count):
+        i = (rows[0] + k // width) * v.shape[0] + columns[0] + k % width
+        weight[k] = ((1.0 + floor) / (floor + weight[k] / largest)) ** 2 if usable[i] else 0.0
+    fit_bells(
+        u[rows[0] : rows[1]], v[columns[0] : columns[1]], pitch, forces, weight, shape, force, prior, rounds, part
+    )
+    share[:] = 0.0
+    left = 0.0
+    for k in range(count):
+        i = (rows[0] + k // width) * v.shape[0] + columns[0] + k % width
+        for b in range(bells):
+            share[b, i] = part[b, k]
+        if usable[i]:
+            for c in range(3):
+                r = forces[k, c]
+                for b in range(bells):
+                    r -= part[b, k] * force[b, c]
+                left += r * r
+    return math.sqrt(left / total)
+
+
+@njit(cache=True)
+def completed_forces(f_L, usable, share, force):
+    """Return for each bell what usable modules carry of it, and its own where there is none, (K, 3) in N.
+
+    Where bells overlap, a module's force is divided as they are.
+    """
+    bells = force.shape[0]
+    out = np.zeros((bells, 3))
+    size, missing = np.empty(bells), np.ones(bells)
+    for b in range(bells):
+        size[b] = math.sqrt(force[b, 0] ** 2 + force[b, 1] ** 2 + force[b, 2] ** 2)
+    for i in range(f_L.shape[0]):
+        if not usable[i]:
+            continue
+        total = 1e-12
+        for b in range(bells):
+            missing[b] -= share[b, i]
+            total += share[b, i] * size[b]
+        for b in range(bells):
+            if share[b, i] > 1e-3:
+                part = share[b, i] * size[b] / total
+                for c in range(3):
+                    out[b, c] += part * f_L[i, c]
+    for b in range(bells):
+        for c in range(3):
+            out[b, c] += missing[b] * force[b, c]
+    return out

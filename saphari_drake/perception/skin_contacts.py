@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.skin_fit import fit_bells
+from saphari_drake.math.skin_fit import completed_forces, fit_window
 from saphari_drake.math.skin_kernels import felt_forces, fill_unusable, pressure_peaks, remove_crosstalk
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin_calibration import SkinCalibration
@@ -112,7 +112,8 @@ class SkinContactLaw:
         usable = np.ones(self.layout.count, dtype=bool)
         felt_forces(np.zeros((self.layout.count, 4)), self.calibration.inverse, usable, np.empty((len(uv), 3)))
         f_M = -load[:, None] * np.array([0.0, 0.0, 1.0])
-        self._fit(f_M, usable, self._start(f_M))
+        bells, share = self._fit(self._in_link(f_M), usable, self._start(f_M))
+        completed_forces(self._in_link(f_M), usable, share, bells.force)
         fill_unusable(self.neighbours, usable, f_M)
         remove_crosstalk(f_M, self.calibration.coupling, self.neighbours, usable, 1, f_M.copy())
 
@@ -136,14 +137,18 @@ class SkinContactLaw:
         remove_crosstalk(felt, c.coupling, self.neighbours, usable, rounds, f_M)
         fill_unusable(self.neighbours, usable, f_M)
         bells = self._start(f_M)
-        bells, share = self._fit(f_M, usable, bells)
+        bells, share = self._fit(self._in_link(f_M), usable, bells)
         gaps = np.flatnonzero(~usable & (share.sum(axis=0) > 1e-3))
         last = int(self.params.gap_rounds) if len(gaps) else 0
         for turn in range(1, last + 1):
             f_M[gaps] = np.einsum("gij,gi->gj", self.layout.R_LM[gaps], share[:, gaps].T @ bells.force)
             remove_crosstalk(felt, c.coupling, self.neighbours, usable, rounds, f_M)
-            bells, share = self._fit(f_M, usable, bells, split=turn == last)
-        return f_M, self._completed(f_M, usable, bells, share)
+            bells, share = self._fit(self._in_link(f_M), usable, bells, split=turn == last)
+        force = completed_forces(self._in_link(f_M), usable, share, bells.force)
+        return f_M, Bells(bells.shape, force)
+
+    def _in_link(self, f_M: Array) -> Array:
+        return np.matmul(self.layout.R_LM, f_M[:, :, None])[:, :, 0]
 
     def _start(self, f_M: Array) -> Bells:
         """Return a first guess of each contact: patches of pressure with their sums and centroids."""
@@ -151,7 +156,7 @@ class SkinContactLaw:
         label = np.empty(layout.count, dtype=np.int64)
         pressure = -f_M[:, 2]
         count = pressure_peaks(pressure, self.neighbours, params.module_threshold, params.prominence, label)
-        f_L = np.einsum("mij,mj->mi", layout.R_LM, f_M)
+        f_L = self._in_link(f_M)
         centre, force = np.empty((count, 2)), np.empty((count, 3))
         for k in range(count):
             own = label == k
@@ -163,6 +168,8 @@ class SkinContactLaw:
 
     def _groups(self, centre: Array) -> list[list[int]]:
         """Return contacts whose bells may overlap, together."""
+        if len(centre) < 2:
+            return [[0]] if len(centre) else []
         reach = 5.0 * self.layout.pitch
         groups: list[list[int]] = []
         for k in range(len(centre)):
@@ -170,54 +177,38 @@ class SkinContactLaw:
             groups = [g for g in groups if g not in near] + [[*(j for g in near for j in g), k]]
         return groups
 
-    def _fit(self, f_M: Array, usable: Mask, start: Bells, split: bool = True) -> tuple[Bells, Array]:
+    def _fit(self, f_L: Array, usable: Mask, start: Bells, split: bool = True) -> tuple[Bells, Array]:
         """Return the bells that fit the forces best, and their shares (K, m) of the modules."""
         shapes, forces, shares = [np.empty((0, 5))], [np.empty((0, 3))], [np.empty((0, self.layout.count))]
         for group in self._groups(start.shape[:, :2]):
-            bells, share, error = self._fit_group(f_M, usable, Bells(start.shape[group], start.force[group]))
+            bells, share, error = self._fit_group(f_L, usable, Bells(start.shape[group], start.force[group]))
             if split and error > self.params.split_error:
-                bells, share = self._split(f_M, usable, bells, share, error)
+                bells, share = self._split(f_L, usable, bells, share, error)
             shapes.append(bells.shape)
             forces.append(bells.force)
             shares.append(share)
         return Bells(np.concatenate(shapes), np.concatenate(forces)), np.concatenate(shares)
 
-    def _fit_group(self, f_M: Array, usable: Mask, start: Bells) -> tuple[Bells, Array, float]:
+    def _fit_group(self, f_L: Array, usable: Mask, start: Bells) -> tuple[Bells, Array, float]:
         """Fit bells that overlap; return them, their shares, and what they leave as a share of the force."""
         layout, params = self.layout, self.params
-        window, u, v = self._window(start.shape[:, :2])
-        known = usable[window]
-        f_L = np.einsum("mij,mj->mi", layout.R_LM[window], f_M[window])
-        size = np.where(known, np.sqrt(np.sum(f_L * f_L, axis=1)), 0.0)
-        trust = params.floor + size / max(float(size.max()), 1e-9)
-        weight = np.where(known, (float(trust.max()) / trust) ** 2, 0.0)
         shape, force = start.shape.copy(), start.force.copy()
-        part = np.empty((len(shape), len(window)))
-        fit_bells(u, v, layout.pitch, f_L, weight, shape, force, self._prior, int(params.fit_rounds), part)
-        left = (f_L - part.T @ force)[known]
-        share = np.zeros((len(shape), layout.count))
-        share[:, window] = part
-        error = np.sqrt(np.sum(left * left) / max(float(np.sum(size * size)), 1e-18))
-        return Bells(shape, force), share, float(error)
+        share = np.empty((len(shape), layout.count))
+        reach = _WINDOW * layout.pitch
+        rows, columns = (
+            np.searchsorted(line, [c.min() - reach, c.max() + reach]) for line, c in zip((self._u, self._v), shape.T)
+        )
+        error = fit_window(
+            f_L, usable, rows, columns, self._u, self._v, layout.pitch, params.floor, shape, force, self._prior,
+            int(params.fit_rounds), share,
+        )  # fmt: skip
+        return Bells(shape, force), share, error
 
-    def _window(self, centre: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return the modules of the rectangle around middles (K, 2), and the coordinates of its rows and columns."""
-        ranges = []
-        for axis, line in enumerate((self._u, self._v)):
-            near = np.flatnonzero(
-                (line > centre[:, axis].min() - _WINDOW * self.layout.pitch)
-                & (line < centre[:, axis].max() + _WINDOW * self.layout.pitch)
-            )
-            ranges.append(near)
-        rows, columns = ranges
-        window = (rows[:, None] * self.layout.columns + columns).ravel()
-        return window, self._u[rows], self._v[columns]
-
-    def _split(self, f_M: Array, usable: Mask, bells: Bells, share: Array, error: float) -> tuple[Bells, Array]:
+    def _split(self, f_L: Array, usable: Mask, bells: Bells, share: Array, error: float) -> tuple[Bells, Array]:
         """Return the bells with one more where they leave most pressure, if that explains much more."""
         layout, params = self.layout, self.params
         pressed = -bells.force @ layout.n_L.T
-        left = np.where(usable, -f_M[:, 2] - np.sum(share * pressed, axis=0), 0.0)
+        left = np.where(usable, -np.sum(layout.n_L * f_L, axis=1) - np.sum(share * pressed, axis=0), 0.0)
         k = int(np.argmax(left))
         near = np.max(np.abs(layout.uv - layout.uv[k]), axis=1) < 1.5 * layout.pitch
         part = np.maximum(left[near], 0.0)
@@ -228,19 +219,11 @@ class SkinContactLaw:
         new[2:4] = np.log(params.usual_width * layout.pitch)
         force = -part.sum() * layout.R_LM[k, :, 2]
         start = Bells(np.vstack([bells.shape, new]), np.vstack([bells.force, force]))
-        more, more_share, more_error = self._fit_group(f_M, usable, start)
+        more, more_share, more_error = self._fit_group(f_L, usable, start)
         apart = np.linalg.norm(more.shape[:-1, :2] - more.shape[-1, :2], axis=1).min()
         if more_error > params.split_gain * error or apart < params.split_distance:
             return bells, share
         return more, more_share
-
-    def _completed(self, f_M: Array, usable: Mask, bells: Bells, share: Array) -> Bells:
-        """Return the bells with the force that was measured, and their own for what was not."""
-        f_L = np.einsum("mij,mj->mi", self.layout.R_LM, f_M)
-        carried = share * np.linalg.norm(bells.force, axis=1)[:, None]
-        owned = np.where(usable & (share > 1e-3), carried / np.maximum(carried.sum(axis=0), 1e-12), 0.0)
-        missing = 1.0 - np.sum(np.where(usable, share, 0.0), axis=1)
-        return bells._replace(force=owned @ f_L + missing[:, None] * bells.force)
 
     def contacts(self, bells: Bells, before: Sequence[SkinContact] = ()) -> tuple[SkinContact, ...]:
         """Return the bells that are strong enough, the strongest first.

@@ -109,8 +109,8 @@ class SkinLaw:
     def sample(self, memory: SkinMemory, voltages: Array, stamp: float) -> SkinMemory:
         """Return the memory after a sample of voltages (m, 4), taken at a time `stamp` (s)."""
         params = self.params
-        frozen = np.where(np.any(voltages != memory.last, axis=1), 0, memory.frozen + 1)
-        dead = self._broken | ~np.all((voltages > self._low) & np.isfinite(voltages), axis=1)
+        frozen = np.where((voltages != memory.last).any(axis=1), 0, memory.frozen + 1)
+        dead = self._broken | ~((voltages > self._low) & (voltages < np.inf)).all(axis=1)
         if params.frozen_samples:
             dead |= frozen >= params.frozen_samples
         usable = ~dead
