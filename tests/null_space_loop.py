@@ -57,7 +57,7 @@ class Loop:
         self.terms = d = evaluate_dynamics(self.robot, self.q, self.v)
         self.task, R, p, V = self.controller.kinematics(d)
         gains = self.controller.gains
-        self.e = task_error(R, p, V, self.R_d, self.p_d, self.V_d, self.A_d, gains.reach, self.controller.m)
+        self.e = task_error(R, p, V, self.R_d, self.p_d, self.V_d, self.A_d, self.controller.m)
         self.tau_ext = -d.point(link, np.array(p_LC)).Jv_WC.T @ F_W if tau_ext is None else tau_ext
         r = residual(d.p, self.integral, self.gain)
         momentum, period = self.params.observer == "momentum", self.params.period

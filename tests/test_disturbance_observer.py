@@ -34,7 +34,7 @@ def test_energy_of_proposition_1_never_grows(lwr4):
     for _ in range(2500):
         loop.step(tau_ext=constant)
         g = loop.controller.gains
-        s = loop.e.velocity + g.P * loop.e.pull
+        s = loop.e.velocity + g.P * loop.e.error
         wrong = constant - loop.before
         energy.append(0.5 * s @ loop.task.Lambda @ s + 0.5 * wrong @ Gamma @ wrong)
         lost += period * s @ sampled_damping(g.K, loop.task.Lambda, period, s)

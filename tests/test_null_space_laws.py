@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.control.null_space_compliance import NullSpaceComplianceController
-from saphari_drake.control.null_space_laws import limited, rotation_log, rotation_rate
+from saphari_drake.control.null_space_laws import advance_offset, rotation_log, rotation_rate
 from saphari_drake.control.null_space_parameters import OBSERVERS, NullSpaceComplianceParameters
 from saphari_drake.math.null_space import null_space, reference_basis
 from saphari_drake.math.rotations import axis_rotation
@@ -23,7 +23,7 @@ HOME = np.deg2rad([0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
 def plain_torque(controller, robot, d, X_d, V_d, A_d, estimate, q_d):
     """Return the torque of Section 5 as its equations stand, with numpy, a basis of the null space and its derivative.
 
-    Also the task error. For errors much smaller than what limits them.
+    Also the task error.
     """
     g, p, m, t = controller.gains, controller.params, controller.m, robot.tree
     now = controller.kinematics(d)
@@ -73,7 +73,6 @@ def test_compiled_law_is_that_of_the_equations(load_arm, name, observer, task):
     robot.home = bent(0)
     params = NullSpaceComplianceParameters(
         observer=observer, task=task, gamma=1e-3, null_stiffness=7.0, null_damping=3.0, torque_threshold=np.inf,
-        return_speed=100.0, return_turn=100.0,
     )  # fmt: skip
     controller = NullSpaceComplianceController(robot, params)
     context = controller.CreateDefaultContext()
@@ -97,17 +96,22 @@ def test_compiled_law_is_that_of_the_equations(load_arm, name, observer, task):
         np.testing.assert_allclose(terms.sum(axis=0), torque, atol=1e-4 * (1.0 + np.abs(torque).max()))
 
 
-def test_limited_error_is_smooth_and_bounded():
-    """Short errors pass, long ones keep their direction and stay within the reach; the rate is its derivative."""
-    direction, reach, h = np.array([0.6, 0.0, -0.8]), 0.02, 1e-7
-    for length in (0.0, 1e-3, 0.015, 0.03, 0.5):
-        e, rate = length * direction, np.array([0.3, -0.2, 0.1])
-        pull, pull_rate = limited(e, rate, reach)
-        assert np.linalg.norm(pull) <= min(length, reach)
-        np.testing.assert_allclose(np.cross(pull, direction), np.zeros(3), atol=1e-12)
-        ahead, behind = limited(e + h * rate, rate, reach)[0], limited(e - h * rate, rate, reach)[0]
-        np.testing.assert_allclose(pull_rate, (ahead - behind) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(limited(0.002 * direction, rate, reach)[0], 0.002 * direction, rtol=3e-5)
+def test_target_follows_then_returns_with_bounded_speed():
+    """It is where the frame was pushed when the task ceases to yield, and goes straight back, gradually."""
+    away, offset, speed, period = np.array([0.3, 0.0, -0.4]), np.zeros(3), 0.0, 0.002
+    for _ in range(250):
+        offset, speed = advance_offset(offset, speed, away, 1.0, 0.25, period)
+    np.testing.assert_allclose(offset, away, rtol=1e-3)
+    path, speeds = [offset], [speed]
+    for _ in range(2500):
+        offset, speed = advance_offset(offset, speed, away, 0.0, 0.25, period)
+        path.append(offset)
+        speeds.append(speed)
+    assert np.array_equal(path[-1], np.zeros(3))
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert steps.max() <= 0.25 * period * (1.0 + 1e-9) and max(speeds) == 0.25
+    assert np.abs(np.diff(speeds)).max() < 2.0 * period
+    np.testing.assert_allclose(np.cross(path, away), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(20))

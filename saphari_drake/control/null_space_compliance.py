@@ -1,7 +1,7 @@
 """Control of a main task whose body yields in the null space, Section 5, eq. (33)–(46)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +13,10 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 from saphari_drake.control.null_space_laws import (
     MOMENTUM,
     NONE,
-    TASK_ERROR,
     TASK_ERROR_PD,
     FrameState,
     TaskGains,
+    advance_offset,
     command_terms,
     frame_state,
 )
@@ -39,6 +39,8 @@ TERMS = ("task", "compensation", "null_space", "coriolis", "gravity")  # named p
 class _Memory(Immutable):
     X_WD: RigidTransform | None = None  # desired pose of the last cycle, held where none is connected
     yielding: float = 0.0
+    offset: Array = field(default_factory=lambda: np.zeros(6))  # of the target from the desired pose (rad, m)
+    speed: Array = field(default_factory=lambda: np.zeros(2))  # at which it comes back (rad/s, m/s)
 
 
 class _Output(NamedTuple):
@@ -90,8 +92,8 @@ class NullSpaceComplianceController(LeafSystem):
     yielding : 1, from 0 (the task is kept) to 1 (it yields: damping alone, no compensation).
 
     Law: τ = Jᵀ F + P_cᵀ(…) + C q̇ + g with F from `task_force` and the null space from `null_space_torque`.
-    Above `torque_threshold` F turns smoothly into damping, so that the whole arm yields, and back below it; the frame
-    then returns with no more than `return_speed`.
+    Above `torque_threshold` F turns smoothly into damping, so that the whole arm yields, and back below it; its target
+    is then where the frame was pushed, and returns with no more than `return_speed`.
     Stability (Propositions 1 to 3) holds for a constant external torque below the threshold, no torque cut off, and
     postures away from singularities of the task, near which it gives way instead of asking for large torque.
     """
@@ -107,7 +109,7 @@ class NullSpaceComplianceController(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, np.zeros(n))
         self._zero = zero = np.zeros(n)
         self._rest = rest = np.zeros(6)
-        self._command(terms, RigidTransform(), rest, rest, zero, 0.0, robot.home)  # compiles
+        self._command(terms, RigidTransform(), rest, rest, zero, _Memory(), robot.home)  # compiles
         if self.observer == TASK_ERROR_PD:
             g = self.gains
             require_gamma(p.gamma, gamma_bound_around(robot, self._task_at, g.K_x, g.D, g.scale, p.gamma_region))
@@ -156,12 +158,9 @@ class NullSpaceComplianceController(LeafSystem):
             gain(p.K_v, p.K_v, "K_v"),
             gain(p.K_p, p.K_p, "K_p"),
             gain(1.0, p.rotation_length, "scale"),
-            np.ones(2),
             float(p.period),
         )
-        g = self.gains
-        rate = {TASK_ERROR: g.P, MOMENTUM: g.K_p / g.K_v}.get(self.observer, g.K_x / g.D)  # speed an error asks for
-        self.gains = g._replace(reach=np.array([p.return_speed, p.return_turn]) / [rate[-3:].max(), rate[:3].max()])
+        self._return = p.return_turn, p.return_speed
         self._fade = float(np.exp(-p.period / p.yield_time))
         self._yield_damping = float(p.yield_damping)
         self._stiffness = diagonal(p.null_stiffness, self._robot.n, "null_stiffness")
@@ -188,14 +187,14 @@ class NullSpaceComplianceController(LeafSystem):
         return RigidTransform(RotationMatrix(state.R), state.p)
 
     def _command(
-        self, d: DynamicsTerms, X: RigidTransform, V: Array, A: Array, estimate: Array, yielding: float, q_d: Array
+        self, d: DynamicsTerms, X: RigidTransform, V: Array, A: Array, estimate: Array, memory: _Memory, q_d: Array
     ) -> tuple[Array, Array, Array]:
         # Arrays from ports are copied: numba compiles anew for other strides and for what is read-only.
         return command_terms(
             *self._tree, d.S, d.V, d.R_WL, d.p_WL, d.M, d.Cv, d.g, d.q, d.v, *self._frame,
             np.array(X.rotation().matrix(), order="C"), np.array(X.translation()), np.array(V), np.array(A),
-            self.observer, np.array(estimate), self.gains, yielding, self._yield_damping, np.array(q_d),
-            self._stiffness, self._damping,
+            memory.offset, memory.speed, self.observer, np.array(estimate), self.gains, memory.yielding,
+            self._yield_damping, np.array(q_d), self._stiffness, self._damping,
         )  # fmt: skip
 
     def _remembered(self, context: Context) -> _Memory:
@@ -224,7 +223,7 @@ class NullSpaceComplianceController(LeafSystem):
         V, A = (_value(port, context, self._rest) for port in (self._velocity, self._acceleration))
         estimate, external = self._estimates(context)
         q_d = _value(self._posture, context, robot.home)
-        parts, error, drive = self._command(terms, X_WD, V, A, estimate, memory.yielding, q_d)
+        parts, error, drive = self._command(terms, X_WD, V, A, estimate, memory, q_d)
         torque, excess = limit_torque(parts.sum(axis=0), robot.tau_max)
         if memory.yielding > 0.0 or excess.any():
             drive = self._zero
@@ -237,8 +236,17 @@ class NullSpaceComplianceController(LeafSystem):
         now: _Output = self._output.Eval(context)
         a = min(max(now.above, 0.0), 1.0)
         target = a * a * (3.0 - 2.0 * a)
-        yielding = target + (self._remembered(context).yielding - target) * self._fade
-        memory = _Memory(now.X_WD, 0.0 if target == 0.0 and yielding < 1e-3 else yielding)
+        before = self._remembered(context)
+        yielding = target + (before.yielding - target) * self._fade
+        yielding = 0.0 if target == 0.0 and yielding < 1e-3 else yielding
+        offset, speed = before.offset.copy(), before.speed.copy()
+        for k, limit in enumerate(self._return):
+            if k == 0 and self.m == 3:
+                continue
+            part = slice(3 * k, 3 * k + 3)
+            away = -(now.error[part] if self.m == 6 else now.error)
+            offset[part], speed[k] = advance_offset(offset[part], speed[k], away, yielding, limit, self.params.period)
+        memory = _Memory(now.X_WD, yielding, offset, speed)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from saphari_drake.math.products import apply, product
-from saphari_drake.math.rotations import skew
+from saphari_drake.math.rotations import axis_rotation, skew
 from saphari_drake.math.task_space import (
     TaskSpace,
     project,
@@ -22,6 +22,8 @@ from saphari_drake.math.tree_matrices import coriolis_matrix, frame_jacobian
 
 Array = NDArray[np.float64]
 NONE, TASK_ERROR, TASK_ERROR_PD, MOMENTUM = range(4)  # observers, in the order of their names
+# s; time constants of a target that follows the frame while the task yields, and starts and ends its return; m, rad.
+FOLLOWING, STARTING, SETTLING, NEAR = 0.05, 0.25, 0.15, 1e-7
 
 
 class TaskError(NamedTuple):
@@ -29,8 +31,7 @@ class TaskError(NamedTuple):
 
     error: Array  # (m,) x̃: x_d − x (m), log(R_d Rᵀ)^∨ (rad)
     velocity: Array  # (m,) x_d' − x', desired minus actual velocity
-    pull: Array  # (m,) x̃ as the feedback sees it: `limited`
-    pull_rate: Array  # (m,) its time derivative
+    error_rate: Array  # (m,) time derivative of `error`; differs from `velocity` for large rotations
     acceleration: Array  # (m,) desired acceleration
 
 
@@ -45,7 +46,6 @@ class TaskGains(NamedTuple):
     K_v: Array  # (m,) 1/s, Proposition 3
     K_p: Array  # (m,) 1/s², Proposition 3
     scale: Array  # (m,) 1, or m/rad: length that makes rotation comparable
-    reach: Array  # (2,) m and rad, largest error that the feedback sees
     period: float  # s
 
 
@@ -91,28 +91,46 @@ def rotation_rate(e: Array, w_desired: Array, w: Array) -> Array:
 
 
 @njit(cache=True)
-def limited(error: Array, rate: Array, reach: float) -> tuple[Array, Array]:
-    """Return φ x̃ with φ = (1 + (‖x̃‖/reach)⁴)^{−1/4}, never longer than `reach`, and its time derivative (3,).
-
-    Far from the target the feedback then pulls with bounded speed; at a tenth of `reach` it differs from x̃ by 3e-5.
-    """
-    ratio = np.sum(error * error) / reach**2
-    share = (1.0 + ratio * ratio) ** -0.25
-    turn = share**5 * ratio * np.sum(error * rate) / reach**2
-    return share * error, share * rate - turn * error
+def task_error(R, p, V, R_d, p_d, V_d, A_d, m) -> TaskError:
+    """Return the error of a frame at (R, p) moving with V = [ω; v] from a desired motion, of which m = 3 or 6 count."""
+    velocity = V_d[6 - m :] - V[6 - m :]
+    error, rate = np.empty(m), velocity.copy()
+    error[m - 3 :] = p_d - p
+    if m == 6:
+        error[:3] = rotation_log(product(R_d, R.T))
+        rate[:3] = rotation_rate(error[:3], V_d[:3], V[:3])
+    return TaskError(error, velocity, rate, A_d[6 - m :])
 
 
 @njit(cache=True)
-def task_error(R, p, V, R_d, p_d, V_d, A_d, reach, m) -> TaskError:
-    """Return the error of a frame at (R, p) moving with V = [ω; v] from a desired motion, of which m = 3 or 6 count."""
-    velocity = V_d - V
-    error, pull, rate = np.empty(m), np.empty(m), np.empty(m)
-    error[m - 3 :] = p_d - p
-    pull[m - 3 :], rate[m - 3 :] = limited(error[m - 3 :], velocity[3:], reach[0])
-    if m == 6:
-        error[:3] = rotation_log(product(R_d, R.T))
-        pull[:3], rate[:3] = limited(error[:3], rotation_rate(error[:3], V_d[:3], V[:3]), reach[1])
-    return TaskError(error, velocity[6 - m :], pull, rate, A_d[6 - m :])
+def advance_offset(offset, speed, away, yielding, limit, period):
+    """Return the offset of the target from the desired motion (3,) and its speed towards zero, after one period.
+
+    While the task yields the target follows the frame, which is `away` from the desired one; after that it goes back
+    with no more than the speed `limit`, which it takes up and leaves gradually.
+    """
+    offset = offset + (1.0 - np.exp(-yielding * period / FOLLOWING)) * (away - offset)
+    distance = np.sqrt(np.sum(offset * offset))
+    if yielding > 0.0:
+        return offset, 0.0
+    if distance < NEAR:
+        return np.zeros(3), 0.0
+    speed = min(speed + limit * period / STARTING, limit, distance / SETTLING)
+    return offset * max(0.0, 1.0 - speed * period / distance), speed
+
+
+@njit(cache=True)
+def toward_zero(offset, speed):
+    """Return the velocity (3,) of an offset that shrinks with a speed."""
+    distance = np.sqrt(np.sum(offset * offset))
+    return offset * (-speed / distance) if distance > 0.0 else np.zeros(3)
+
+
+@njit(cache=True)
+def rotation_exp(e: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector."""
+    angle = np.sqrt(np.sum(e * e))
+    return axis_rotation(e / angle, angle) if angle > 0.0 else np.eye(3)
 
 
 @njit(cache=True)
@@ -129,8 +147,7 @@ def task_force(observer: int, task: TaskSpace, e: TaskError, estimate: Array, v:
     - TASK_ERROR_PD (43): Λ_x x̃'' + (μ_x + D)x̃' + K x̃ = J_M^{#T}(τ_ext − τ̂); NONE: the same with τ̂ = 0.
     - MOMENTUM (46): x̃'' + K_v x̃' + K_p x̃ = Λ_x⁻¹J_M^{#T}(τ_ext − τ̂) with τ̂ = −r.
 
-    Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`, and
-    x̃ as `limited`, which is x̃ itself unless the frame is far from its target.
+    Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`.
 
     Parameters
     ----------
@@ -148,14 +165,14 @@ def task_force(observer: int, task: TaskSpace, e: TaskError, estimate: Array, v:
     feedforward = e.acceleration - apply(task.Jdot, v)
     compensation, idle = apply(task.J_inv.T, estimate), np.zeros(len(v))
     if observer == TASK_ERROR:
-        s = e.velocity + gains.P * e.pull
-        force = apply(task.Lambda, feedforward + gains.P * e.pull_rate) + task_coriolis(task, s)
+        s = e.velocity + gains.P * e.error
+        force = apply(task.Lambda, feedforward + gains.P * e.error_rate) + task_coriolis(task, s)
         force += sampled_damping(gains.K, task.Lambda, gains.period, s)
         return TaskForce(force, compensation, apply(task.J_inv, s))
     if observer == MOMENTUM:
-        force = apply(task.Lambda, feedforward + gains.K_v * e.velocity + gains.K_p * e.pull)
+        force = apply(task.Lambda, feedforward + gains.K_v * e.velocity + gains.K_p * e.error)
         return TaskForce(force, compensation, idle)
-    force = apply(task.Lambda, feedforward) + task_coriolis(task, e.velocity) + gains.K_x * e.pull
+    force = apply(task.Lambda, feedforward) + task_coriolis(task, e.velocity) + gains.K_x * e.error
     force += sampled_damping(gains.D, task.Lambda, gains.period, e.velocity)
     if observer == NONE:
         return TaskForce(force, np.zeros(len(compensation)), idle)
@@ -200,7 +217,7 @@ def frame_state(parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, 
 @njit(cache=True)
 def command_terms(
     parent, mass, com, inertia, S, V, R_WL, p_WL, M, Cv, g, q, v, link, R_LE, p_LE, max_mass, R_d, p_d, V_d, A_d,
-    observer, estimate, gains, yielding, yield_damping, q_d, stiffness, damping,
+    offset, speed, observer, estimate, gains, yielding, yield_damping, q_d, stiffness, damping,
 ):  # fmt: skip
     """Return the named parts (5, n) of the torque command, the task error (m,) and the drive of the observer (n,).
 
@@ -212,6 +229,8 @@ def command_terms(
         C q̇, gravity torque and joint positions.
     R_d, p_d, V_d, A_d : (3, 3), (3,), (6,) and (6,) arrays
         Desired pose, velocity and acceleration of the frame, in the world.
+    offset, speed : (6,) and (2,) arrays
+        Where the target is beside the desired pose (rad, m), and how fast it comes back; see `advance_offset`.
     observer, estimate, gains :
         As in `task_force`.
     yielding : float
@@ -221,7 +240,11 @@ def command_terms(
     """
     now = frame_state(parent, mass, com, inertia, S, V, R_WL, p_WL, M, v, link, R_LE, p_LE, max_mass)
     task, m = now.task, len(max_mass)
-    e = task_error(now.R, now.p, now.V, R_d, p_d, V_d, A_d, gains.reach, m)
+    error = task_error(now.R, now.p, now.V, R_d, p_d, V_d, A_d, m).error
+    R_t, p_t, V_t = product(rotation_exp(offset[:3]), R_d), p_d + offset[3:], V_d.copy()
+    V_t[:3] += toward_zero(offset[:3], speed[0])
+    V_t[3:] += toward_zero(offset[3:], speed[1])
+    e = task_error(now.R, now.p, now.V, R_t, p_t, V_t, A_d, m)
     force = task_force(observer, task, e, estimate, v, gains)
     loose = -apply(task.Lambda, apply(task.Jdot, v) + yield_damping * now.V[6 - m :])
     keep = 1.0 - yielding
@@ -230,4 +253,4 @@ def command_terms(
     terms[1] = apply(task.J.T, keep * force.compensation)
     terms[2] = null_space_torque(task, q_d - q, M, stiffness, damping, gains.period)
     terms[3], terms[4] = Cv, g
-    return terms, e.error, force.drive
+    return terms, error, force.drive

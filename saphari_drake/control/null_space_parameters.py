@@ -53,7 +53,7 @@ class NullSpaceComplianceParameters:
     yield_time: float = 0.1
     # 1/s; damping over inertia of a task that yields.
     yield_damping: float = 25.0
-    # m/s and rad/s; how fast, about, an error alone pulls the frame to its target, as after it has yielded.
+    # m/s and rad/s; how fast the frame is led back after it has yielded.
     return_speed: float = 0.25
     return_turn: float = 1.0
     # kg and kg m²; bound of the effective inertia near singularities.
