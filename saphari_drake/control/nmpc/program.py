@@ -101,7 +101,8 @@ def solve_program(build: NmpcProgram, guess: Array, solver: str = "snopt") -> tu
     else:
         options.SetOption(chosen.id(), "tol", 1e-9)
         options.SetOption(chosen.id(), "max_iter", 1000)
-    result = chosen.Solve(build.program, np.ravel(guess), options)
+    build.program.SetInitialGuess(build.q, guess)
+    result = chosen.Solve(build.program, None, options)
     return result.GetSolution(build.q.ravel()).reshape(build.q.shape), bool(result.is_success())
 
 
