@@ -167,7 +167,7 @@ class SkinStatus(IntEnum):
     OK = 0
     DEGRADED = 1  # some modules are dead: they are left out, and named
     SATURATED = 2  # a module is at the end of its range: the force is a lower bound
-    LOST = 3  # no module can be used: whoever needs the skin must stop
+    LOST = 3  # too few modules can be used, or samples are too old: whoever needs the skin must stop
 
 
 class GuidingPriority(IntEnum):

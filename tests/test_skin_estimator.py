@@ -8,7 +8,8 @@ from bench import Bench
 from skin_touches import NOISE, random_touch, statistics
 
 from saphari_drake.errors import ParameterError, SensorError
-from saphari_drake.math.skin_fit import bell_share, fit_bells
+from saphari_drake.math.skin_bell import bell_share
+from saphari_drake.math.skin_fit import fit_bells
 from saphari_drake.math.skin_kernels import pressure_peaks
 from saphari_drake.perception.skin_calibration import calibrate_modules
 from saphari_drake.perception.skin_contacts import SkinContactParameters

@@ -69,7 +69,7 @@ class SkinContactParameters:
 class Bells(NamedTuple):
     """Contacts in surface coordinates."""
 
-    shape: Array  # (K, 5), see `bell_share`
+    shape: Array  # (K, 5), see `skin_bell.bell_share`
     force: Array  # (K, 3), N, link frame
 
 
@@ -78,7 +78,8 @@ class SkinContactLaw:
 
     1. Forces of the modules by the calibration, crosstalk removed, (m, 3) in their own frames.
     2. Patches of pressure: connected modules above a threshold, divided where two peaks rise above the pass between.
-    3. A Gaussian bell (middle, width, force vector) fitted to each patch, neighbours together: F_i ≈ Σ_k B_ik f_k.
+    3. A bell (middle, width, aspect, force vector) fitted to each patch, neighbours together: F_i ≈ Σ_k B_ik f_k; one
+       more where bells leave much. Crosstalk of modules that are missing is taken from the bells, in turns.
     4. F = Σ R_i F_i over the modules that work, and the bell's share of what dead modules and the ground beside the
        patch carry; the contact point is the bell's middle, where the force-weighted centroid would lie without gaps.
 
