@@ -123,10 +123,10 @@ def test_person_who_walks_into_a_robot_at_rest_is_not_held_against_it():
     q = np.tile(nmpc_mobile.mobile_start(robot), (600, 1))
 
     def approaching(time):
-        return ObstaclePoints(np.array([[2.0 - 5.0 * time, 0.0, 1.0]]), np.zeros((1, 3)), np.zeros(1), time)
+        return ObstaclePoints(np.array([[1.0 - 2.0 * time, -0.5, 1.0]]), np.zeros((1, 3)), np.zeros(1), time)
 
     run = made_up_run(robot, q, approaching)
-    assert run.log["clearance"].min() < -0.1
+    assert run.log["clearance"].min() < -0.05
     assert stoppable_clearance(run, 0.1) >= 0.0
     moving = q.copy()
     moving[:, 1] += 0.002 * np.arange(600)
@@ -152,7 +152,7 @@ def test_stops_and_fallbacks_are_counted():
 
 def test_manipulator_writes_all_files_and_meets_its_bounds(manipulator, tmp_path, capsys):
     """A run to the pose: all bounds met, all files there, the clearance of every sample in the log."""
-    arguments = ["--case", "both", "--duration", "3.5", "--out", str(tmp_path)]
+    arguments = ["--case", "both", "--duration", "5", "--out", str(tmp_path)]
     assert main(manipulator.EXPERIMENT, arguments) == 0, capsys.readouterr().out
     for name in FILES:
         assert (tmp_path / "both" / name).stat().st_size > 0
@@ -160,7 +160,7 @@ def test_manipulator_writes_all_files_and_meets_its_bounds(manipulator, tmp_path
     log = Log.load(tmp_path / "both" / "log.npz")
     assert metrics["min_distance_m"] == pytest.approx(log["distance"].min()) and metrics["min_distance_m"] >= 0.2
     np.testing.assert_allclose(np.diff(log.time), 1e-3, atol=1e-9)
-    assert metrics["steps"] == 35
+    assert metrics["steps"] == 50
 
 
 def test_a_missed_bound_is_status_1(manipulator, capsys):
@@ -173,7 +173,8 @@ def test_a_missed_bound_is_status_1(manipulator, capsys):
 def test_manipulator_takes_another_arm(manipulator, capsys):
     """The Panda of example-robot-data keeps its distance with the same code."""
     model = str(EXAMPLES / "panda_description" / "urdf" / "panda.urdf")
-    arguments = ["--case", "both", "--duration", "1.0", "--model", model, "--set", "job.d_min=0.12"]
+    arguments = ["--case", "both", "--duration", "1.0", "--model", model]
+    arguments += ["--set", "job.d_min=0.12", "--set", "job.cell.geometry=false"]
     assert main(manipulator.EXPERIMENT, arguments) in (0, 1), capsys.readouterr().err
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("min_distance_m")]
     assert float(rows[0][1]) >= 0.12
@@ -182,12 +183,12 @@ def test_manipulator_takes_another_arm(manipulator, capsys):
 @pytest.mark.parametrize("case", ["3", "human", "nonholonomic"])
 def test_mobile_manipulator_runs(mobile, case, tmp_path, capsys):
     """The start of each kind of case: bounds met, files written; a platform that cannot slip does not."""
-    arguments = ["--case", case, "--duration", "1.0", "--out", str(tmp_path)]
+    arguments = ["--case", case, "--duration", "0.8", "--out", str(tmp_path)]
     assert main(mobile.EXPERIMENT, arguments) == 0, capsys.readouterr().out
     for name in FILES:
         assert (tmp_path / case / name).stat().st_size > 0
     log = Log.load(tmp_path / case / "log.npz")
-    assert log["tip"][-1, 1] > 0.15  # it moves along the path
+    assert log["tip"][-1, 1] > 0.1  # it moves along the path
     if case == "nonholonomic":
         assert np.abs(log["slip"]).max() <= 1e-6
 

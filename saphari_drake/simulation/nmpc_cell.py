@@ -37,6 +37,9 @@ class NmpcCellParameters:
     controller: NmpcParameters = field(default_factory=NmpcParameters)
     # Commands are steps, held over a control period: fed forward they would be impulses.
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, feedforward=0.0))
+    # Whether the robot's shapes are loaded; without them it runs the same and is shown by its test points alone. For
+    # model files whose meshes cannot be found.
+    geometry: bool = True
     # How a camera sees the obstacles, if they are not told.
     watch: ObstacleWatch = field(default_factory=ObstacleWatch)
 
@@ -85,17 +88,24 @@ def _time(context: Context) -> float:
     return context.get_time()
 
 
-def add_robot(builder: DiagramBuilder, job: NmpcJob, time_step: float) -> tuple[MultibodyPlant, SceneGraph]:
+def add_robot(
+    builder: DiagramBuilder, job: NmpcJob, time_step: float, geometry: bool = True
+) -> tuple[MultibodyPlant, SceneGraph]:
     """Add the robot as a plant at the job's start, on a floor, with nothing that it touches, itself neither."""
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+    if geometry:
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+    else:
+        plant, scene_graph = builder.AddSystem(MultibodyPlant(time_step)), builder.AddSystem(SceneGraph())
     plant.set_name("plant")
     instance = job.robot.add_to(plant)
-    add_floor(plant, size=FLOOR)
+    if geometry:
+        add_floor(plant, size=FLOOR)
     plant.Finalize()
     plant.SetDefaultPositions(instance, job.start)
-    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-    shapes = GeometrySet([shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)])
-    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(shapes))
+    if geometry:
+        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+        shapes = GeometrySet([shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)])
+        scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(shapes))
     return plant, scene_graph
 
 
@@ -114,7 +124,7 @@ def build_nmpc(
     robot, n, step = job.robot, job.robot.n, params.time_step
     robot.home = job.start.copy()
     builder = DiagramBuilder()
-    plant, scene_graph = add_robot(builder, job, step)
+    plant, scene_graph = add_robot(builder, job, step, params.geometry)
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))

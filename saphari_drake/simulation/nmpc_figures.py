@@ -12,13 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.port_values import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.figures import BOUND, CYCLE, STYLE, blank, legend
 from saphari_drake.simulation.nmpc_cell import add_robot
-from saphari_drake.simulation.nmpc_jobs import NmpcJob, frame_pose, point_positions
+from saphari_drake.simulation.nmpc_jobs import frame_pose, point_positions
 from saphari_drake.simulation.nmpc_run import NmpcRun
 from saphari_drake.simulation.overlays import Arrow, Marker
 from saphari_drake.simulation.replay import write_replay
@@ -152,7 +151,7 @@ def _status(ax: Axes, run: NmpcRun) -> None:
 
 def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 20.0) -> None:
     """Write the run as a page that plays offline: robot, test spheres, obstacles, predicted motion and reference."""
-    job, log = run.cell.job, run.log
+    job, log, geometry = run.cell.job, run.log, run.cell.params.geometry
     every = max(1, round(1.0 / (fps * (log.time[1] - log.time[0]))))
     rows = np.arange(0, len(log.time), every)
     times = log.time[rows]
@@ -175,7 +174,7 @@ def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 
             )
     write_replay(
         path,
-        lambda builder: _robot_alone(builder, job),
+        lambda builder: add_robot(builder, job, 0.001, geometry)[0],
         times,
         log["position"][rows],
         overlays,
@@ -183,10 +182,6 @@ def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 
         camera=view,
         title=title,
     )
-
-
-def _robot_alone(builder: DiagramBuilder, job: NmpcJob):
-    return add_robot(builder, job, 0.001)[0]
 
 
 def _predicted(run: NmpcRun, times: Array) -> list[Arrow | Marker]:

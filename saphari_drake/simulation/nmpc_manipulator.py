@@ -78,7 +78,7 @@ def points_along(robot: RobotModel, end_effector: str, d_min: float, c: float, c
     while link >= 0:
         length = float(np.linalg.norm(end))
         for share in (1.0, 0.5) if length > 0.25 else (1.0,):
-            if length > 0.05 or not points:
+            if length > 0.05:
                 name = f"{robot.link_names[link]} {share:g}"
                 points.append(TestPoint(name, robot.link_names[link], (share * end).tolist(), d_min, c))
         # The link's own joint, as a place on the parent.
