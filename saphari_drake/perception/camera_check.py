@@ -54,9 +54,10 @@ class CheckStatus(IntEnum):
     UNKNOWN = 0  # too little of the robot is seen
     OK = 1
     WARNING = 2  # the camera is displaced by more than allowed
+    BUSY = 3  # a person is in view: nothing is compared, and the last error stands
 
 
-class CameraCheck(NamedTuple):
+class CheckResult(NamedTuple):
     """Result of a self-check.
 
     Attributes
@@ -90,7 +91,7 @@ def check_camera(
     images: Sequence[Depth],
     params: CameraCheckParameters | None = None,
     X_WC: RigidTransform | None = None,
-) -> CameraCheck:
+) -> CheckResult:
     """Compare what a camera sees of the robot, in one or more postures and with nobody near, with the model.
 
     Readings near the modelled robot are registered to its surface by Open3D's point-to-plane step, robust to readings
@@ -129,7 +130,7 @@ def check_camera(
         seen, target, normal = _matches(robot, kinematics, clouds, X @ X_WC, reach, params.least_cosine)
         used = len(seen)
         if used < params.least_points:
-            return CameraCheck(CheckStatus.UNKNOWN, RigidTransform(), np.nan, np.nan, np.nan, np.nan, used)
+            return CheckResult(CheckStatus.UNKNOWN, RigidTransform(), np.nan, np.nan, np.nan, np.nan, used)
         if turn == 0:
             before = _rms(seen, target, normal)
             middle = seen
@@ -140,7 +141,7 @@ def check_camera(
     displacement = float(np.mean(np.linalg.norm(middle - (X.inverse() @ middle.T).T, axis=1)))
     status = CheckStatus.WARNING if displacement > params.warning else CheckStatus.OK
     angle = float(np.arccos(np.clip((np.trace(X.rotation().matrix()) - 1.0) / 2.0, -1.0, 1.0)))
-    return CameraCheck(status, X, displacement, angle, before, after, used)
+    return CheckResult(status, X, displacement, angle, before, after, used)
 
 
 def _shapes_at(robot: RobotModel, q: Array) -> tuple[Array, Array]:

@@ -153,7 +153,7 @@ class ContactLocalizer(LeafSystem):
         stamp = float(self._time.Eval(context)[0])
         usable = 0.0 <= stamp <= now and now - stamp <= self._params.memory
         if usable and stamp != memory.stamp:
-            seen = self._localize(self._image.Eval(context).data[..., 0], _posture_at(memory.postures, stamp))
+            seen = self._localize(self._image.Eval(context).data[..., 0], posture_at(memory.postures, stamp))
             memory = self._with_frame(memory, seen, stamp, now)
         elif now - memory.frame_time > self._params.timeout + 1e-9:
             memory = replace(memory, status=CameraStatus.STALE, contact=ContactPoint(), human_points=_NOBODY)
@@ -185,8 +185,8 @@ class ContactLocalizer(LeafSystem):
         return replace(memory, contact=contact, other_link=-1, other_count=0)
 
 
-def _posture_at(postures: tuple[tuple[float, Array], ...], time: float) -> Array:
-    """Joint positions at a time, interpolated."""
+def posture_at(postures: tuple[tuple[float, Array], ...], time: float) -> Array:
+    """Return the joint positions (n,) at a time (s), interpolated between remembered ones."""
     times = np.array([entry[0] for entry in postures])
     columns = np.array([entry[1] for entry in postures]).T
     return np.array([np.interp(time, times, column) for column in columns])

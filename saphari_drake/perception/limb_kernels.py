@@ -192,5 +192,5 @@ def limb_contact(kind, size, link, R_CS, p_CS, c, u, radius, first, last, softne
         out[:] = trial
         if gap - radius < 1e-4 or (far - at) * outward <= 0.0:
             break
-        at += outward * max(gap - radius, 5e-4)
+        at += outward * min(max(gap - radius, 5e-4), (far - at) * outward)
     return found, out, gap

@@ -1,0 +1,49 @@
+"""The script of the contact localization: each kind of case runs, judges against the truth and writes its files."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "diagrams"))
+
+import contact_localization as script
+
+from saphari_drake.simulation.experiment import RunOptions, main
+
+
+def scenario_of(case, **values):
+    scenario = script.scenario_for(case)
+    for name, value in {"count": 3, "frames": 3, **values}.items():
+        setattr(scenario, name, value)
+    return scenario
+
+
+@pytest.mark.parametrize("moving", [0.0, 1.0])
+def test_visible_touch_is_found_beside_its_truth(moving):
+    outcome = script.run(scenario_of("one_camera", moving=moving), RunOptions())
+    assert np.median(outcome.log["error"]) < 0.015
+    assert outcome.log["other_link"].tolist() == [[-1.0]] * 3
+    values = {metric.name: metric.value for metric in outcome.metrics}
+    assert values["median_m"] == pytest.approx(np.median(outcome.log["error"]))
+    assert values["baseline_median_m"] == pytest.approx(np.median(outcome.log["baseline_error"]))
+
+
+def test_two_contacts_have_a_row_each_and_files_are_written(tmp_path):
+    arguments = ["--case", "two_contacts", "--set", "count=2", "--set", "frames=3", "--out", str(tmp_path)]
+    assert main(script.EXPERIMENT, arguments) in (0, 1)
+    folder = tmp_path / "two_contacts"
+    for name in ("metrics.json", "log.npz", "figure.png", "replay.html", "scenario.yaml"):
+        assert (folder / name).stat().st_size > 0
+    log = np.load(folder / "log.npz")
+    assert len(log["link"]) == 4
+    np.testing.assert_array_equal(log["link"][[0, 2]], log["other_link"][[1, 3]])
+    names = json.dumps(json.loads((folder / "metrics.json").read_text()))
+    assert "both_found" in names
+
+
+def test_same_seed_gives_the_same_scenes():
+    runs = [script.run(scenario_of("hidden", count=2), RunOptions()) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0].log["error"], runs[1].log["error"])
