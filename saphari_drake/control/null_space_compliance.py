@@ -88,7 +88,7 @@ class NullSpaceComplianceController(LeafSystem):
     torque_excess : n (Nm), what the limits cut off.
     torque_terms : 5n (Nm), the parts named in `TERMS` one after the other.
     task_error : m ([rad and] m), desired minus actual, in the world.
-    observer_drive : n, what `DisturbanceObserver` integrates; zero while torque is cut off or the task yields.
+    observer_drive : n, what `DisturbanceObserver` integrates; zero while torque is cut off, the task yields or returns.
     yielding : 1, from 0 (the task is kept) to 1 (it yields: damping alone, no compensation).
 
     Law: τ = Jᵀ F + P_cᵀ(…) + C q̇ + g with F from `task_force` and the null space from `null_space_torque`.
@@ -225,7 +225,7 @@ class NullSpaceComplianceController(LeafSystem):
         q_d = _value(self._posture, context, robot.home)
         parts, error, drive = self._command(terms, X_WD, V, A, estimate, memory, q_d)
         torque, excess = limit_torque(parts.sum(axis=0), robot.tau_max)
-        if memory.yielding > 0.0 or excess.any():
+        if memory.yielding > 0.0 or memory.speed.any() or excess.any():
             drive = self._zero
         above = (float(np.abs(external).max()) - p.torque_threshold) / p.threshold_band
         if math.isnan(above):
