@@ -205,7 +205,7 @@ def limit_joint_velocity(v, J, low, high, threshold):
         inside = inside and low[j] <= v[j] <= high[j]
     if inside:
         return v, False
-    free, following = np.ones(n), v.copy()
+    free, following, held = np.ones(n), v.copy(), v.copy()
     for _ in range(n if k > 0 else 0):
         worst, joint = 0.0, -1
         for j in range(n):
@@ -214,9 +214,8 @@ def limit_joint_velocity(v, J, low, high, threshold):
                 worst, joint = excess, j
         if joint < 0:
             break
-        free[joint] = 0.0
-        for j in range(n):
-            following[j] = v[j] if free[j] == 1.0 else min(max(v[j], low[j]), high[j])
+        free[joint], held[joint] = 0.0, min(max(following[joint], low[joint]), high[joint])
+        following = held.copy()
         N = np.diag(free)
         for i in range(k):
             J_free = product(J[i], N)

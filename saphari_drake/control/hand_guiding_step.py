@@ -202,7 +202,7 @@ class HandGuiding:
         q_next = state.q + 0.5 * T * (state.v + v_next)
         if params.feedback == "measured":  # with torques at their limits the command must not run away
             q_next = terms.q + np.clip(q_next - terms.q, -params.max_lag, params.max_lag)
-        p_d, v_d = self._advance(state, points, law, v_next, held_back)
+        p_d, v_d = self._advance(state, points, law, v_next, v_next - v_asked)
         torque_known = sensed.torque if sensed.valid else state.torque
         weight = 1.0 - self._fading * (1.0 - state.weight) if sensed.valid else self._fading * state.weight
         torque = tracking_torque(terms, state.q, state.v, a, params.K_P, params.K_D, params.coriolis)
@@ -270,7 +270,7 @@ class HandGuiding:
         return _Law(J, *priority_acceleration(J, a, -self.params.null_damping * v, self.params.damping_threshold))
 
     def _advance(
-        self, state: GuidingState, points: _Points, law: _Law | None, v_next: Array, held_back: bool
+        self, state: GuidingState, points: _Points, law: _Law | None, v_next: Array, shortfall: Array
     ) -> tuple[Array, Array]:
         """Return the desired motion of the next cycle.
 
@@ -282,7 +282,8 @@ class HandGuiding:
             v_own = at.Jv_WC @ v_next
             p_own = at.p_WC + T * v_own
             p_d[c], v_d[c] = p_own, v_own
-            if law is not None and not held_back:
+            missed = at.Jv_WC @ shortfall
+            if law is not None and missed @ missed < 1e-12:
                 p_new = points.p_d[k] + 0.5 * T * (points.v_d[k] + points.v_d_next[k])
                 p_d[c] += law.reachable[k] @ (p_new - p_own)
                 v_d[c] += law.reachable[k] @ (points.v_d_next[k] - v_own)

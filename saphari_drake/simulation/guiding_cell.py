@@ -15,6 +15,7 @@ from saphari_drake.control.hand_guiding_parameters import HandGuidingParameters
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_choice, require_positive
 from saphari_drake.perception.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorParameters
+from saphari_drake.perception.joint_acceleration import JointAcceleration
 from saphari_drake.perception.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.perception.skin_calibration import IndenterParameters, SkinCalibration, calibrate, indent
 from saphari_drake.perception.skin_estimator import SkinEstimator, SkinEstimatorParameters
@@ -118,6 +119,7 @@ def add_guiding_cell(
     sensor = add("skin_sensor", SkinSensor(layout, robot, plant, instance, params.skin_sensor))
     skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin_estimator))
     wrist = add("force_sensor", ForceTorqueSensor(robot, plant, instance, params.force_sensor))
+    acceleration = add("joint_acceleration", JointAcceleration(robot, params.joint_sensor.period))
     controller = add("controller", HandGuidingController(robot, params.controller))
     state = plant.get_state_output_port(instance)
     forces = hands.GetOutputPort("applied_forces")
@@ -130,6 +132,9 @@ def add_guiding_cell(
         (joints, "position_measured", dynamics, "position_measured"),
         (joints, "velocity_measured", dynamics, "velocity_measured"),
         (dynamics, "dynamics", wrist, "dynamics"),
+        # Without it, the feedforward of the measured force would answer what it does to the tool itself.
+        (joints, "velocity_measured", acceleration, "velocity_measured"),
+        (acceleration, "acceleration_measured", wrist, "acceleration_measured"),
         (dynamics, "dynamics", controller, "dynamics"),
         (sensor, "voltages", skin, "voltages"),
         (sensor, "sample_time", skin, "sample_time"),

@@ -92,7 +92,7 @@ class GuidingScenario:
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
     # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
-    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -65.0, 0.0])
+    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -45.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
     aim_spread: float = 0.012
     # Share by which the forces of both hands differ from those below.
