@@ -41,11 +41,12 @@ def mobile_figure(run: NmpcRun, title: str) -> Figure:
     """Return the figure after Fig. 2 and 3: from above, end effector in y–z, computing time, clearance, errors."""
     figure, axes = blank(3, 2, title, size=(11.0, 9.5))
     log = run.log
-    _posture_view(axes[0, 0], run, (1, 0), np.linspace(0, len(log.time) - 1, 7).astype(int), circles=2)
+    _posture_view(axes[0, 0], run, (1, 0), np.linspace(0, len(log.time) - 1, 7).astype(int).tolist(), circles=2)
     axes[0, 0].set_title("From above: platform with d_min, end effector", loc="left")
     _path_view(axes[0, 1], run, (1, 2))
     axes[0, 1].set_title("End effector (Fig. 3a)", loc="left")
     _computing_time(axes[1, 0], run)
+    axes[1, 0].set_title("Computing time a step [ms] (Fig. 3b)", loc="left")
     _clearance(axes[1, 1], run)
     for name, factor, color, label in (
         ("position_error", 1.0, BLUE, "position [m]"),
@@ -121,7 +122,9 @@ def _path_view(ax: Axes, run: NmpcRun, plane: tuple[int, int]) -> None:
     ax.plot(log["reference"][:, a], log["reference"][:, b], "--", color="0.5", label="reference")
     ax.plot(log["tip"][:, a], log["tip"][:, b], color=BLUE, label="end effector")
     obstacles = run.cell.job.obstacles(float(log.time[-1]))
-    ax.plot(obstacles.p_WO[:, a], obstacles.p_WO[:, b], "o", color=GREEN, markersize=4, label="obstacle points")
+    ax.plot(
+        obstacles.p_WO[:, a], obstacles.p_WO[:, b], "o", color=GREEN, markersize=4, label="obstacle points, at the end"
+    )
     ax.set_xlabel(f"{_AXES[a]} [m]")
     ax.set_ylabel(f"{_AXES[b]} [m]")
     ax.legend(frameon=False)
@@ -131,7 +134,7 @@ def _computing_time(ax: Axes, run: NmpcRun) -> None:
     """Draw the computing time of each step."""
     steps = run.steps
     ax.semilogy(steps.time[1:], 1e3 * np.maximum(steps["solve_time"][1:, 0], 1e-6), ".", color=BLUE, markersize=3)
-    ax.set_title("Computing time a step [ms] (Fig. 3b)", loc="left")
+    ax.set_title("Computing time a step [ms]", loc="left")
 
 
 def _clearance(ax: Axes, run: NmpcRun) -> None:

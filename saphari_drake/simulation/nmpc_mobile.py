@@ -1,5 +1,6 @@
 """The omniRob's job of Section 3: a path through six obstacles, or past a person, also without slipping sideways."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +10,7 @@ from saphari_drake.control.nmpc.problem import NmpcParameters
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.activation import quintic
 from saphari_drake.parameters import require_positive
+from saphari_drake.port_values import ObstaclePoints
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.human_motion import HumanMotionParameters, HumanPath
 from saphari_drake.simulation.nmpc_cell import NmpcCellParameters
@@ -94,8 +96,9 @@ def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJo
         c, s = np.cos(-angle), np.sin(-angle)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_start, np.array([x, y, path.height])
 
+    obstacles: Callable[[float], ObstaclePoints]
     if case in ("human", "human_seen"):
-        obstacles = HumanPath(params.person).__call__
+        obstacles = HumanPath(params.person)
     elif case == "nonholonomic":
         obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
     else:
