@@ -34,7 +34,9 @@ def random_qp(rng, N, n, m, equalities):
     distance, slip = rows(m, rng.integers(1, N + 1, m)), rows(equalities, np.arange(1, equalities + 1))
     slip = slip._replace(z=0.1 * slip.z)
     v = -rng.uniform(0, 1, (N, n)), rng.uniform(0, 1, (N, n))
-    return Subproblem(0.0, 20.0 * rng.normal(size=(N, n)), H, L, B, low, high, *v, distance, slip, 0.0), off
+    return Subproblem(
+        0.0, 20.0 * rng.normal(size=(N, n)), H, L, B, low, high, *v, distance, slip, 0.0, np.zeros((N + 1, 0))
+    ), off
 
 
 def reference(qp, off, price):

@@ -244,8 +244,8 @@ def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, multipliers, exact, deriva
     p_WO, radius : (N + 1, m, 3) and (m,) arrays
         Obstacles at each stage.
     multipliers : Multipliers
-        Of distance rows, whose curvature −λ∇²z is added if `exact`. With d = p − p_O it is, in p, −2λ(I − ddᵀ/‖d‖²):
-        what is left out along d is a multiple of ∇z∇zᵀ, constant where the row is active.
+        Of distance rows, whose curvature −λ∇²z is added if `exact`. With d = p − p_O it is, in p, −2λ(I − κ ddᵀ/‖d‖²),
+        κ = `STIFFENING`: the part along d is a multiple of ∇z∇zᵀ, which is constant where the row is active.
     exact : bool
         Exact Hessian instead of the Gauss–Newton one. derivatives: whether to evaluate derivatives at all.
 

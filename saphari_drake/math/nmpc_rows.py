@@ -164,29 +164,35 @@ def grow(index, z, A, B, capacity):
 
 
 @njit(cache=True)
-def violation(data, q0, Q, P, J_needed, p_WO, radius):
-    """Return Σ max(0, −z) and the smallest z over all rows (22); `J_needed` (points, n, 3) bounds the sagitta."""
-    N = Q.shape[0]
-    points, m = data.link_C.shape[0], radius.shape[0]
-    total, smallest = 0.0, np.inf
+def kept_distances(data, q0, Q, J):
+    """Return the distances (N + 1, points) that the rows have to keep (m), obstacle radius apart; stage 0 has none."""
+    kept = np.zeros((Q.shape[0] + 1, data.link_C.shape[0]))
+    if data.rows_on:
+        for k in range(1, Q.shape[0] + 1):
+            for i in range(kept.shape[1]):
+                kept[k, i] = minimum_distances(data, q0, Q, J, i, k)
+    return kept
+
+
+@njit(cache=True)
+def violation(data, P, kept, p_WO, radius):
+    """Return Σ max(0, −z) over all rows (22), for points P (N + 1, points, 3) and `kept_distances`."""
+    total = 0.0
     if not data.rows_on:
-        return total, smallest
+        return total
     a, b = np.empty(3), np.empty(3)
-    for k in range(1, N + 1):
-        for i in range(points):
-            d_i = minimum_distances(data, q0, Q, J_needed, i, k)
-            for o in range(m):
+    for k in range(1, P.shape[0]):
+        for i in range(P.shape[1]):
+            for o in range(radius.shape[0]):
                 for r in range(3):
                     a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
                     b[r] = P[k, i, r] - p_WO[k, o, r]
                 near = (b[0], b[1], b[2])
                 if data.swept:
                     near = closest_on_chord(a, b)[1]
-                d = d_i + radius[o]
-                value = near[0] ** 2 + near[1] ** 2 + near[2] ** 2 - d * d
-                smallest = min(smallest, value)
-                total += max(0.0, -value)
-    return total, smallest
+                d = kept[k, i] + radius[o]
+                total += max(0.0, d * d - near[0] ** 2 - near[1] ** 2 - near[2] ** 2)
+    return total
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.math.nmpc_kernel import Multipliers, evaluate, no_multipliers
 from saphari_drake.math.nmpc_qp import solve_qp
-from saphari_drake.math.nmpc_rows import Rows, distance_rows, slip_rows, violation
+from saphari_drake.math.nmpc_rows import Rows, distance_rows, kept_distances, slip_rows, violation
 
 # Shares of the velocity term's Hessian: the least pivot of a factorization, and what is added to an indefinite H first.
 _LEAST_PIVOT, _FIRST_SHIFT, _SHIFT_FACTOR = 0.01, 0.02, 4.0
@@ -51,6 +51,7 @@ class Subproblem(NamedTuple):
     rows: Rows
     slip: Rows
     excess: float  # Σ max(0, −z) over all rows, and Σ |slip|
+    kept: NDArray[np.float64]  # (N + 1, points), distances that the rows keep
 
 
 @njit(cache=True)
@@ -116,6 +117,7 @@ def linearize(data, scene, Q, multipliers, exact, step):
         if shift > 1e12:
             break
     rows = distance_rows(data, scene.q0, Q, P, J, scene.p_WO, scene.radius, step, False)
+    kept = kept_distances(data, scene.q0, Q, J)
     slip = slip_rows(data, scene.q0, Q)
     low, high = np.empty((N, n)), np.empty((N, n))
     v_low, v_high = np.empty((N, n)), np.empty((N, n))
@@ -131,16 +133,16 @@ def linearize(data, scene, Q, multipliers, exact, step):
         excess += max(0.0, -z)
     for z in slip.z:
         excess += abs(z)
-    return Subproblem(f, g, H, L, B, low, high, v_low, v_high, rows, slip, excess)
+    return Subproblem(f, g, H, L, B, low, high, v_low, v_high, rows, slip, excess, kept)
 
 
 @njit(cache=True)
-def merit(data, scene, Q):
-    """Return cost and constraint violation Σ max(0, −z) + Σ |slip| of an iterate."""
-    f, _, _, P, J = evaluate(
-        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, no_multipliers(), False, data.swept
+def merit(data, scene, Q, kept):
+    """Return cost and constraint violation Σ max(0, −z) + Σ |slip| of an iterate, for distances to keep as given."""
+    f, _, _, P, _ = evaluate(
+        data, scene.q0, Q, scene.R_ref, scene.p_ref, scene.p_WO, scene.radius, no_multipliers(), False, False
     )
-    excess = violation(data, scene.q0, Q, P, J, scene.p_WO, scene.radius)[0]
+    excess = violation(data, P, kept, scene.p_WO, scene.radius)
     for z in slip_rows(data, scene.q0, Q).z:
         excess += abs(z)
     return f, excess
@@ -161,7 +163,7 @@ def search(data, scene, Q, qp, delta, penalty, left):
     alpha = 1.0
     while True:
         trial = Q + alpha * delta
-        f, excess = merit(data, scene, trial)
+        f, excess = merit(data, scene, trial, qp.kept)
         if f + penalty * excess <= start + _ARMIJO * alpha * min(slope, 0.0) + 1e-12 * abs(start):
             return trial, alpha
         alpha *= 0.5
@@ -170,9 +172,14 @@ def search(data, scene, Q, qp, delta, penalty, left):
 
 
 @njit(cache=True)
-def positive(rows, multipliers):
-    """Return the `Multipliers` > 0 of rows; those of swept distances have no part in the Hessian."""
-    index = np.nonzero(multipliers > 0.0)[0]
+def positive(rows, multipliers, swept):
+    """Return the `Multipliers` > 0 of rows; of swept distances, of those alone that are smallest at a stage's end."""
+    index, count = np.empty(multipliers.shape[0], np.int64), 0
+    for r in range(multipliers.shape[0]):
+        if multipliers[r] > 0.0 and not (swept and (rows.stage[r] == 1 or np.any(rows.a[r] != 0.0))):
+            index[count] = r
+            count += 1
+    index = index[:count]
     return Multipliers(rows.stage[index], rows.point[index], rows.obstacle[index], multipliers[index])
 
 
@@ -248,8 +255,7 @@ def solve_sqp(data, scene, guess, iterations, tolerance, price, exact):
             return Q + delta, count, True, True, slack
         penalty = max(penalty, min(2.0 * largest, price))
         Q, _ = search(data, scene, Q, qp, delta, penalty, np.sum(slacks))
-        if not data.swept:
-            multipliers = positive(qp.rows, lam)
+        multipliers = positive(qp.rows, lam, data.swept)
         active = hard_limits(active_rows, 4 * Q.size)
         reach = max(REACH_FACTOR * step, LEAST_REACH)
     return Q, iterations, False, True, slack

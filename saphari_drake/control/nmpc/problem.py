@@ -185,7 +185,9 @@ class NmpcProblem:
     def _data(self, end_effector: str, X_FE: RigidTransform) -> HorizonData:
         robot, p, n = self.robot, self.params, self.n
         t = robot.tree
-        align = [RigidTransform(_rotation(rotation_between(np.array([0.0, 0.0, 1.0]), axis)), [0, 0, 0]) for axis in t.axis]
+        align = [
+            RigidTransform(_rotation(rotation_between(np.array([0.0, 0.0, 1.0]), axis)), [0, 0, 0]) for axis in t.axis
+        ]
         X_ML = [a.inverse() @ _pose(R, x) for a, R, x in zip(align, t.R_ML, t.p_ML)]
         X_PM = [_pose(t.R_PF[j], t.p_PF[j]) @ align[j] for j in range(n)]
         X_PM = [X_ML[k] @ X if k >= 0 else X for k, X in zip(t.parent, X_PM)]

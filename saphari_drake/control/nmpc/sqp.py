@@ -97,6 +97,5 @@ def _solve_with(problem: NmpcProblem, scene: Scene, guess: Array, iterations: in
             return Q + delta, count, True, slack
         penalty = max(penalty, min(2.0 * largest, p.slack_penalty))
         Q, _ = nmpc_sqp.search(data, scene, Q, qp, delta, penalty, float(np.sum(slacks)))
-        if not data.swept:
-            multipliers = nmpc_sqp.positive(qp.rows, lam)
+        multipliers = nmpc_sqp.positive(qp.rows, lam, data.swept)
     return Q, iterations, False, slack
