@@ -7,12 +7,13 @@ from pydrake.systems.sensors import ImageDepth32F
 from scipy.spatial.distance import cdist
 
 from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.math.friction_cone import cone_minimum
 from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.contact_fusion import ContactFusion
 from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters
 from saphari_drake.perception.localization import ContactVision, LocalizerParameters
 from saphari_drake.perception.rgbd_camera import CameraParameters
-from saphari_drake.perception.surface_candidates import surface_candidates
+from saphari_drake.perception.surface_candidates import inner_sizes, smooth_normal, surface_candidates
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.contact_scenes import ContactScenes, SceneParameters
 
@@ -73,6 +74,59 @@ def test_cost_equals_its_plain_twin(law):
             assert cost[k] == pytest.approx(free, rel=1e-6, abs=1e-3)
         else:
             assert cost[k] >= free - 1e-3
+
+
+def test_refined_point_costs_no_more_than_any_near_it(law):
+    """The twin: the window's cost written out, searched over a fine net of surface points around the start."""
+    rng, c, p, s = np.random.default_rng(3), law.candidates, law.params, law.robot.shapes
+    for k in np.flatnonzero(c.link == 4)[::60]:
+        terms, _, r = push(law, law.robot.home, k)
+        frames = np.array([r + 0.02 * rng.normal(size=7) for _ in range(2)])
+        weight, link = np.array([0.9, 1.0]), int(c.link[k])
+        S, R_WL, p_WL = (np.repeat(a[None], 2, axis=0) for a in (terms.S, terms.R_WL, terms.p_WL))
+        anchor = law.visions[0].on_surface(link, c.p_L[k] + 0.01 * rng.normal(size=3))[0]
+
+        def cost(p_L, n_L, terms=terms, frames=frames, weight=weight, link=link, anchor=anchor):
+            J, a = terms.point(link, p_L).Jv_WC, -terms.R_WL[link] @ n_L
+            H = J @ J.T + (p.torque_sigma / p.force_scale) ** 2 * np.eye(3)
+            total, F = np.sum((p_L - anchor) ** 2) / 0.005**2, np.empty(3)
+            for w, r in zip(weight, frames):
+                total += w * (r @ r + cone_minimum(H, J @ r, a, p.friction, F)) / p.torque_sigma**2
+            spread = np.linalg.slogdet(H * (p.force_scale / p.torque_sigma) ** 2)[1]
+            return total + spread * (1.0 + p.again * (np.sum(weight) - 1.0))
+
+        found, normal, least = kernels.refine(
+            terms.parent, S, R_WL, p_WL, frames, weight, s.kind, s.size, inner_sizes(s), s.R_LS, s.p_LS,
+            s.link == link, link, c.p_L[k], c.n_L[k], anchor, 0.005, p.torque_sigma, p.force_scale, p.friction,
+            p.again, law._steps,
+        )  # fmt: skip
+        assert least == pytest.approx(cost(found, normal), rel=1e-6, abs=1e-3)
+        assert least <= cost(c.p_L[k], c.n_L[k]) + 1e-6
+        net = [law.visions[0].on_surface(link, found + 0.004 * rng.normal(size=3))[0] for _ in range(60)]
+        best = min(net, key=lambda q: cost(q, smooth_normal(s, link, q)))
+        if cost(best, smooth_normal(s, link, best)) < least:
+            assert np.linalg.norm(best - found) < 0.012  # a pattern search stops within its finest steps
+
+
+def test_share_of_free_space_equals_its_plain_twin(law):
+    rng, c, vision = np.random.default_rng(4), law.candidates, law.visions[0]
+    terms = evaluate_dynamics(law.robot, law.robot.home, np.zeros(7))
+    x, a = kernels.pose_points(c.link, c.p_L, c.n_L, terms.R_WL, terms.p_WL)
+    depth = rng.uniform(1.0, 2.5, (480, 640)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.2] = 0.0
+    R, p = vision.pose
+    fx, fy, cx, cy = vision.pinhole
+    free = np.zeros(len(x))
+    kernels.share_free(x, a, depth, R, p, fx, fy, cx, cy, 0.03, law._lifts, free)
+    plain = np.zeros(len(x))
+    for lift in law._lifts:
+        q = (x - lift * a - p) @ R
+        column, row = (q[:, :2] / q[:, 2:] * [fx, fy] + [cx, cy]).T
+        inside = (q[:, 2] > 0) & (column >= 0) & (column < 640) & (row >= 0) & (row < 480)
+        at = depth[np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)]
+        plain += inside & (at > q[:, 2] + 0.03) & (at > 0.0)
+    np.testing.assert_allclose(free, plain / len(law._lifts), atol=1e-12)
+    assert 0.05 < np.mean(free > 0.0) < 1.0
 
 
 def test_hidden_contact_is_found_from_the_residual_alone(law):

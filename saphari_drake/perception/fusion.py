@@ -5,6 +5,10 @@ over frames with a forgetting factor, is the misfit of the best force inside the
 how unlikely a contact is where they look through free space, or far from everything they see of the person. Where the
 cameras see the person on the surface, that point is one more candidate, with its own deviation. The best few are
 refined over the surface; the best of them is the contact, the best one elsewhere the second mode.
+
+Over frames this is a point-mass Bayes filter: a contact stays where it is on its link, so that fixed candidates all over
+the surface stand for particles that need no drawing, and each frame multiplies in both measurements, with old ones
+raised to a power below one. A force that lasts counts once, not anew in each frame (`again`).
 """
 
 from __future__ import annotations
@@ -95,7 +99,8 @@ class ContactFusionLaw:
         points = np.concatenate([np.zeros((0, 3)), *(places[0].human_points for _, places in found)])
         m = len(c.link)
         if not self.felt(r):
-            return Evidence(S, R_WL, p_WL, r, *np.zeros((3, m)), seen, points, shares)
+            nothing = np.zeros(m)
+            return Evidence(S, R_WL, p_WL, r, nothing, nothing, nothing, seen, points, shares)
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, R_WL, p_WL)
         misfit, spread = kernels.residual_costs(
             t.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing

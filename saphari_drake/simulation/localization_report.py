@@ -25,9 +25,9 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
     both = case == "two_contacts"
     high = 0.025 if both else high
     result = [
-        Metric("median_m", np.median(error), "m", high=high),
-        Metric("p95_m", np.percentile(error, 95), "m", high=tail),
-        Metric("within_20mm", np.mean(error < 0.02), "1", low=0.90 if case == "two_cameras" else -np.inf),
+        Metric("median_m", float(np.median(error)), "m", high=high),
+        Metric("p95_m", float(np.percentile(error, 95)), "m", high=tail),
+        Metric("within_20mm", float(np.mean(error < 0.02)), "1", low=0.90 if case == "two_cameras" else -np.inf),
         Metric("link_correct", column["link_right"].mean(), "1", low=0.97 if case == "one_camera" else -np.inf),
         *_forces(robot, column, both),
         Metric("first_frame_median_m", np.median(column["first_error"]), "m"),
@@ -40,26 +40,26 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
             result += [
                 Metric(f"{name}_median_m", np.median(error[rows]), "m"),
                 Metric(f"{name}_p95_m", np.percentile(error[rows], 95), "m"),
-                Metric(f"{name}_within_20mm", np.mean(error[rows] < 0.02), "1"),
+                Metric(f"{name}_within_20mm", float(np.mean(error[rows] < 0.02)), "1"),
                 Metric(f"{name}_link_correct", column["link_right"][rows].mean(), "1"),
                 Metric(f"{name}_force_error_relative_median", np.median(column["force_error"][rows]), "1"),
             ]
     for k, kind in enumerate(KINDS):
         rows = column["kind"] == k
         if rows.any():
-            result.append(Metric(f"{kind}_median_m", np.median(error[rows]), "m"))
+            result.append(Metric(f"{kind}_median_m", float(np.median(error[rows])), "m"))
             result.append(Metric(f"{kind}_p95_m", np.percentile(error[rows], 95), "m"))
             result.append(Metric(f"{kind}_radius_least_m", column["size"][rows].min(), "m"))
             result.append(Metric(f"{kind}_radius_most_m", column["size"][rows].max(), "m"))
     plain = column["baseline_error"]
     return [
         *result,
-        Metric("baseline_median_m", np.median(plain), "m"),
+        Metric("baseline_median_m", float(np.median(plain)), "m"),
         Metric("baseline_p95_m", np.percentile(plain, 95), "m"),
-        Metric("baseline_within_20mm", np.mean(plain < 0.02), "1"),
+        Metric("baseline_within_20mm", float(np.mean(plain < 0.02)), "1"),
         Metric("baseline_link_correct", column["baseline_link_right"].mean(), "1"),
         Metric("baseline_force_error_relative_median", np.median(column["baseline_force_error"]), "1"),
-        Metric("ambiguous_share", np.mean(column["other_weight"] > 0.1), "1"),
+        Metric("ambiguous_share", float(np.mean(column["other_weight"] > 0.1)), "1"),
         Metric("scenes", len(error) / (2 if both else 1), "1", low=min(200, scenario.count)),
         Metric("scenes_drawn", drawn, "1"),
     ]
@@ -68,13 +68,13 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
 def _forces(robot: RobotModel, column: dict, both: bool) -> list[Metric]:
     """Return the force's error; of two contacts, in scenes where both were found, and by pair of links."""
     if not both:
-        return [Metric("force_error_relative_median", np.median(column["force_error"]), "1")]
+        return [Metric("force_error_relative_median", float(np.median(column["force_error"])), "1")]
     found = column["error"] < NEVER
     error = column["force_error"]
     result = [
-        Metric("both_found", found.mean(), "1"),
-        Metric("median_of_found_m", np.median(column["error"][found]), "m"),
-        Metric("force_error_relative_median", np.median(error[found]), "1", high=0.20),
+        Metric("both_found", float(found.mean()), "1"),
+        Metric("median_of_found_m", float(np.median(column["error"][found])), "m"),
+        Metric("force_error_relative_median", float(np.median(error[found])), "1", high=0.20),
     ]
     for link in range(1, robot.n):
         for other in range(1, link):
@@ -82,7 +82,7 @@ def _forces(robot: RobotModel, column: dict, both: bool) -> list[Metric]:
             back = found & (column["link"] == other) & (column["other_link"] == link)
             if rows.any():
                 name = f"{robot.link_names[link]}_and_{robot.link_names[other]}"
-                result.append(Metric(f"{name}_force_error_relative_median", np.median(error[rows | back]), "1"))
+                result.append(Metric(f"{name}_force_error_relative_median", float(np.median(error[rows | back])), "1"))
     return result
 
 
@@ -126,8 +126,9 @@ def replay(scenario: ContactLocalizationScenario, scenes: ContactScenes, shown: 
             ("true", "true", "force", (0.1, 0.6, 0.2)),
             ("found", "found", "felt", (0.0, 0.45, 0.7)),
         ):
-            overlays.append(Marker(f"{name}_{k}", twice[point][:, k], 0.012, color))
+            overlays.append(Marker(f"{name}_{k}", twice[point][:, k], 0.02, color))
             tail = np.nan_to_num(twice[point][:, k]) - 0.006 * twice[force][:, k]
             overlays.append(Arrow(f"{name}_force_{k}", tail, twice[force][:, k], 0.006, color))
-    title = f"Contact localization, {CASES[scenario.case]}: true (green), found (blue)"
-    write_replay(path, scenes.add_plant, times, twice["positions"], overlays, title=title)
+    title = f"{scenario.case}: true (green) and found (blue) contact and force"
+    view = ((1.1, 0.8, 1.2), (0.0, 0.0, 0.6))
+    write_replay(path, scenes.add_plant, times, twice["positions"], overlays, camera=view, title=title)

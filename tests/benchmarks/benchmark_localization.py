@@ -1,20 +1,27 @@
 """Wall time of the contact cycle over all links, rendering apart: each stage, one and two cameras, and the baseline.
 
-Run as ``python tests/benchmarks/benchmark_localization.py``; everything runs on one thread.
+Run as ``python tests/benchmarks/benchmark_localization.py``; everything runs on one pinned thread.
+Shares are those of the whole cycle.
 """
 
+import os
 import time
 from collections import defaultdict
 
-import numpy as np
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[name] = "1"
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
-from saphari_drake.perception import fusion_kernels as kernels
-from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters
-from saphari_drake.perception.localization import ContactVision, LocalizerParameters, background_depth
-from saphari_drake.perception.rgbd_camera import CameraParameters
-from saphari_drake.robots.catalog import lwr4
-from saphari_drake.simulation.contact_scenes import KINDS, ContactScenes, SceneParameters
-from saphari_drake.simulation.published_localization import published_localization
+import numpy as np  # noqa: E402
+
+from saphari_drake.perception import fusion_kernels as kernels  # noqa: E402
+from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters  # noqa: E402
+from saphari_drake.perception.localization import ContactVision, LocalizerParameters, background_depth  # noqa: E402
+from saphari_drake.perception.rgbd_camera import CameraParameters  # noqa: E402
+from saphari_drake.robots.catalog import lwr4  # noqa: E402
+from saphari_drake.simulation.contact_scenes import KINDS, ContactScenes, SceneParameters  # noqa: E402
+from saphari_drake.simulation.published_localization import published_localization  # noqa: E402
 
 SCENES, FRAMES = 30, 8
 CAMERAS = [CameraParameters(), CameraParameters(position=[1.2, 1.4, 1.2])]
@@ -60,6 +67,14 @@ def measure(law, scenes, count):
         for r in residuals:
             for vision, image in zip(law.visions, images):
                 clock("- vision, a camera", vision.localize_several, image, terms.R_WL, terms.p_WL, 2)
+            clock(
+                "- cameras, all candidates",
+                law._vision_cost,
+                x,
+                a,
+                images,
+                law.evidence(touch.q, r, images).human_points,
+            )
             clock("- residual, all candidates", kernels.residual_costs, terms.parent, terms.S, t.link, x, a, r, *sizes)
             clock("- modes, refinement and cone force", law.decide, memory)
             clock("published method", published_localization, law.visions[0], images[0], terms, r, 0.6)
@@ -82,10 +97,12 @@ def main():
         measure(law, scenes, count)  # warm
         print(f"\n{count} camera(s); bound of the whole cycle: p95 ≤ {bound} ms")
         clock = measure(law, scenes, count)
-        print(f"  {'stage':<36}{'wall: median':>14}{'p95':>8}{'thread: median':>17}{'p95':>8}  (ms)")
+        print(f"  {'stage':<36}{'wall: median':>14}{'p95':>8}{'thread: median':>17}{'p95':>8}  (ms){'share':>8}")
         for name in clock.wall:
             values = [1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)]
-            print(f"  {name:<36}{values[0]:14.2f}{values[1]:8.2f}{values[2]:17.2f}{values[3]:8.2f}")
+            times = count if name.startswith("- vision") else 1
+            share = times * np.median(clock.thread[name]) / np.median(clock.thread["whole cycle"])
+            print(f"  {name:<36}{values[0]:14.2f}{values[1]:8.2f}{values[2]:17.2f}{values[3]:8.2f}{share:13.0%}")
 
 
 if __name__ == "__main__":
