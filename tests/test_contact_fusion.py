@@ -12,6 +12,7 @@ from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.contact_fusion import ContactFusion
 from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters
 from saphari_drake.perception.localization import ContactVision, LocalizerParameters
+from saphari_drake.perception.refinement_kernels import refine
 from saphari_drake.perception.rgbd_camera import CameraParameters
 from saphari_drake.perception.surface_candidates import inner_sizes, smooth_normal, surface_candidates
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -95,7 +96,7 @@ def test_refined_point_costs_no_more_than_any_near_it(law):
             spread = np.linalg.slogdet(H * (p.force_scale / p.torque_sigma) ** 2)[1]
             return total + spread * (1.0 + p.again * (np.sum(weight) - 1.0))
 
-        found, normal, least = kernels.refine(
+        found, normal, least = refine(
             terms.parent, S, R_WL, p_WL, frames, weight, s.kind, s.size, inner_sizes(s), s.R_LS, s.p_LS,
             s.link == link, link, c.p_L[k], c.n_L[k], anchor, 0.005, p.torque_sigma, p.force_scale, p.friction,
             p.again, law._steps,

@@ -6,9 +6,9 @@ how unlikely a contact is where they look through free space, or far from everyt
 cameras see the person on the surface, that point is one more candidate, with its own deviation. The best few are
 refined over the surface; the best of them is the contact, the best one elsewhere the second mode.
 
-Over frames this is a point-mass Bayes filter: a contact stays where it is on its link, so that fixed candidates all over
-the surface stand for particles that need no drawing, and each frame multiplies in both measurements, with old ones
-raised to a power below one. A force that lasts counts once, not anew in each frame (`again`).
+Over frames this is a point-mass Bayes filter: a contact stays where it is on its link, so that fixed candidates all
+over the surface stand for particles that need no drawing, and each frame multiplies in both measurements, with old
+ones raised to a power below one. A force that lasts counts once, not anew in each frame (`again`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from saphari_drake.math.tree import point_kinematics, tree_kinematics
 from saphari_drake.perception import fusion_kernels as kernels
 from saphari_drake.perception.fusion_values import Evidence, Fusion, FusionMemory, FusionParameters, Mode
 from saphari_drake.perception.localization import Array, ContactVision, Depth
+from saphari_drake.perception.refinement_kernels import refine_all
 from saphari_drake.perception.surface_candidates import inner_sizes, smooth_normal, surface_candidates
 from saphari_drake.robots.model import RobotModel
 
@@ -206,7 +207,7 @@ class ContactFusionLaw:
             return []
         p, t, s = self.params, self.robot.tree, self.robot.shapes
         last, weight, r = memory.groups(_GROUP, p.memory)
-        points, normals, costs = kernels.refine_all(
+        points, normals, costs = refine_all(
             t.parent, memory.S[last], memory.R_WL[last], memory.p_WL[last], r, weight, s.kind, s.size, self._inner,
             s.R_LS, s.p_LS, s.link, np.array([mode.link for mode in modes]), np.array([mode.p_L for mode in modes]),
             np.array([mode.n_L for mode in modes]),
