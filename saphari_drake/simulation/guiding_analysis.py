@@ -14,7 +14,8 @@ from saphari_drake.simulation.guiding_run import GuidingRun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-SETTLING = 0.2  # s after a touch begins, in which its law is still faded in
+SETTLING = 0.3  # s after a touch begins, in which its law is still faded in
+WINDOW = 0.05  # s over which accelerations are averaged
 
 
 def true_force(run: GuidingRun, hand: int) -> Array:
@@ -79,7 +80,8 @@ def skin_errors(run: GuidingRun) -> tuple[Array, Array]:
 def secondary_realised(run: GuidingRun) -> float:
     """Return how much of the second point's commanded acceleration the plant realises: the slope of a regression.
 
-    Both are projected on the directions in which the second point can move without the main one, at singular values
+    Means over 50 ms: single cycles hold the noise of the wrist sensor, which moves the arm before it is felt. Both are
+    projected on the directions in which the second point can move without the main one, at singular values
     above the threshold. Left out is what is left out of the law there: the time after a touch begins, while changes
     fade in, and cycles in which joint limits hold the arm back.
     """
@@ -97,9 +99,12 @@ def secondary_realised(run: GuidingRun) -> float:
     touched &= ~held_back(run)
     if not np.any(touched):
         return float("nan")
-    above, below = 0.0, 0.0
-    for k in np.flatnonzero(touched):
-        R = _reachable(run, k, main, params.damping_threshold)
+    above, below, length = 0.0, 0.0, round(WINDOW / dt)
+    kernel = np.full(length, 1.0 / length)
+    whole = np.convolve(touched, kernel, "same") > 1.0 - 1e-9
+    realised, asked = (np.column_stack([np.convolve(x, kernel, "same") for x in a.T]) for a in (realised, asked))
+    for k in np.flatnonzero(whole)[::5]:
+        R = _reachable(run, int(k), main, params.damping_threshold)
         above += float(asked[k] @ R @ realised[k])
         below += float(asked[k] @ R @ asked[k])
     return above / below if below > 0.0 else float("nan")

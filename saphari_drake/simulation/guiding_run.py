@@ -49,7 +49,7 @@ class GuidingRecordingParameters:
     # s; when it begins, how long it takes to rise and to fall, and the longest part that is played.
     start: float = 0.6
     blend: float = 0.3
-    longest: float = 8.0
+    longest: float = 4.8
 
     def __post_init__(self) -> None:
         require_positive(self, "peak", "blend", "longest")
@@ -88,7 +88,7 @@ class GuidingScenario:
     # Seed of the sensors' noise and bias, and of where and how hard the hands press.
     seed: int = 0
     # s.
-    duration: float = 7.0
+    duration: float = 5.8
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
     # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
