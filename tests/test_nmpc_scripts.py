@@ -130,7 +130,7 @@ def test_person_who_walks_into_a_robot_at_rest_is_not_held_against_it():
     assert stoppable_clearance(run, 0.1) >= 0.0
     moving = q.copy()
     moving[:, 1] += 0.002 * np.arange(600)
-    still = fixed_obstacles(np.array([[0.0, q[0, 1] + 1.8, 1.0]]))
+    still = fixed_obstacles(np.array([[0.0, q[0, 1] + 1.8, 1.2]]))
     assert stoppable_clearance(made_up_run(robot, moving, still), 0.1) < 0.0
 
 
