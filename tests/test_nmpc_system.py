@@ -78,7 +78,9 @@ def test_distances_hold_between_the_samples(lwr4, cost, mode):
     assert clearance >= 0.0
     assert clearance < 0.06  # it came near
     assert np.linalg.norm(problem.end_effector_pose(ways[-1])[1] - goal.p_WE[0]) < 0.05
-    assert all(m.status in (NmpcStatus.SOLVED, NmpcStatus.REAL_TIME, NmpcStatus.UNCONVERGED) for m in memories)
+    seen = [m.status for m in memories]
+    assert NmpcStatus.BRAKING not in seen and NmpcStatus.START_INSIDE not in seen
+    assert seen.count(NmpcStatus.SLACK) <= 1  # a plan at full speed, made before the way round was found
 
 
 def test_a_moving_obstacle_is_kept_away_from(lwr4):

@@ -2,15 +2,16 @@
 
 Between two samples a point moves relative to an obstacle from a to b. On the chord the distance is smallest at
 s* = −a·(b − a)/‖b − a‖², clipped to [0, 1], and the path of constant joint velocities leaves the chord by at most
-e = max ‖p̈‖ T_s²/8 (the error of linear interpolation). With m = a + s*(b − a), z = ‖m‖² − (d_min + e)² ≥ 0 therefore
-keeps the distance at or above d_min at every instant, for obstacles of constant velocity, and
-dz = 2 m·((1 − s*) da + s* db), as s* minimizes. Samples alone (s* = 1, e = 0) would let it fall to
-√(d_min² − (vT_s/2)²) on the way.
+e = max ‖p̈‖ T_s²/8 (the error of linear interpolation). In the first interval, the one that is executed, a is where the
+robot is: with m = a + s*(b − a), z = ‖m‖² − (d_min + e)² ≥ 0 keeps the distance at or above d_min at every instant, for
+obstacles of constant velocity, and dz = 2 s* m·db, as s* minimizes. In the later ones both ends vary, and s* would jump
+between them: there z = ‖b‖² − ‖b − a‖²/4 − (d_min + e)², as a chord whose ends are at least √(d² + ‖b − a‖²/4) away
+stays at least d away. Samples alone would let the distance fall to √(d_min² − (vT_s/2)²) on the way.
 
 **Rows that are left out cannot become active.** All q within the velocity and position limits have
 |q_k − q_0| ≤ k T_s v_max, so that a step δ that keeps them stays in the box [lo − q̄_k, hi − q̄_k]. There, and for
 |δ| ≤ β, ‖J_ik δ_k‖ ≤ ρ_ik = Σ_j ‖J_ikj‖ min(β, max(|lo_j − q̄_kj|, |hi_j − q̄_kj|)), hence
-z + dz ≥ z − 2‖m‖((1 − s*)ρ_i,k−1 + s*ρ_ik). Where that is positive, the row holds for every step up to β that the
+z + dz ≥ z − ‖∂z/∂a‖ρ_i,k−1 − ‖∂z/∂b‖ρ_ik. Where that is positive, the row holds for every step up to β that the
 limits allow. If the solution without it is such a step, it meets all rows, and no step that does is better: it is the
 solution with them. The SQP guesses β from its last step, and solves again with β = ∞ if the solution turns out larger.
 """
@@ -70,6 +71,28 @@ def closest_on_chord(a, b):
 
 
 @njit(cache=True)
+def clearance(a, b, d, k, swept):
+    """Return z of the way from a to b (3,) in interval k, for distance d to keep, and its gradients in a and b."""
+    nothing = (0.0, 0.0, 0.0)
+    if not swept:
+        return b[0] ** 2 + b[1] ** 2 + b[2] ** 2 - d * d, nothing, (2.0 * b[0], 2.0 * b[1], 2.0 * b[2])
+    if k == 1:
+        s, m = closest_on_chord(a, b)
+        z = m[0] ** 2 + m[1] ** 2 + m[2] ** 2 - d * d
+        return z, nothing, (2.0 * s * m[0], 2.0 * s * m[1], 2.0 * s * m[2])
+    u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    z = b[0] ** 2 + b[1] ** 2 + b[2] ** 2 - d * d - 0.25 * (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
+    from_a = (0.5 * u[0], 0.5 * u[1], 0.5 * u[2])
+    return z, from_a, (2.0 * b[0] - from_a[0], 2.0 * b[1] - from_a[1], 2.0 * b[2] - from_a[2])
+
+
+@njit(cache=True)
+def length(x):
+    """Norm of a tuple of three."""
+    return np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
+
+
+@njit(cache=True)
 def travel(data, q0, Q, J, step):
     """Return ρ (N + 1, points), how far (m) a step of entries up to `step` moves each point in the linearization."""
     N, n = Q.shape
@@ -121,13 +144,9 @@ def distance_rows(data, q0, Q, P, J, p_WO, radius, step, everything):
                     for r in range(3):
                         a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
                         b[r] = P[k, i, r] - p_WO[k, o, r]
-                    s, near = 1.0, (b[0], b[1], b[2])
-                    if data.swept:
-                        s, near = closest_on_chord(a, b)
-                    d2 = near[0] ** 2 + near[1] ** 2 + near[2] ** 2
                     d = d_i + radius[o]
-                    value = d2 - d * d
-                    reach = 2.0 * np.sqrt(d2) * ((1.0 - s) * rho[k - 1, i] + s * rho[k, i])
+                    value, from_a, from_b = clearance(a, b, d, k, data.swept)
+                    reach = length(from_a) * rho[k - 1, i] + length(from_b) * rho[k, i]
                     if not everything and (value > reach or reach == 0.0):
                         continue
                     if count == capacity:
@@ -136,18 +155,12 @@ def distance_rows(data, q0, Q, P, J, p_WO, radius, step, everything):
                     index[0, count], index[1, count], index[2, count] = k, i, o
                     z[count] = value
                     for j in range(n):
-                        B[count, j] = (
-                            2.0 * s * (near[0] * J[k, i, j, 0] + near[1] * J[k, i, j, 1] + near[2] * J[k, i, j, 2])
-                        )
-                        if k > 1 and s < 1.0:
+                        B[count, j] = from_b[0] * J[k, i, j, 0] + from_b[1] * J[k, i, j, 1] + from_b[2] * J[k, i, j, 2]
+                        if k > 1 and data.swept:
                             A[count, j] = (
-                                2.0
-                                * (1.0 - s)
-                                * (
-                                    near[0] * J[k - 1, i, j, 0]
-                                    + near[1] * J[k - 1, i, j, 1]
-                                    + near[2] * J[k - 1, i, j, 2]
-                                )
+                                from_a[0] * J[k - 1, i, j, 0]
+                                + from_a[1] * J[k - 1, i, j, 1]
+                                + from_a[2] * J[k - 1, i, j, 2]
                             )
                     count += 1
     return Rows(index[0][:count], index[1][:count], index[2][:count], z[:count], A[:count], B[:count])
@@ -187,11 +200,7 @@ def violation(data, P, kept, p_WO, radius):
                 for r in range(3):
                     a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
                     b[r] = P[k, i, r] - p_WO[k, o, r]
-                near = (b[0], b[1], b[2])
-                if data.swept:
-                    near = closest_on_chord(a, b)[1]
-                d = kept[k, i] + radius[o]
-                total += max(0.0, d * d - near[0] ** 2 - near[1] ** 2 - near[2] ** 2)
+                total += max(0.0, -clearance(a, b, kept[k, i] + radius[o], k, data.swept)[0])
     return total
 
 

@@ -173,10 +173,10 @@ def search(data, scene, Q, qp, delta, penalty, left):
 
 @njit(cache=True)
 def positive(rows, multipliers, swept):
-    """Return the `Multipliers` > 0 of rows; of swept distances, of those alone that are smallest at a stage's end."""
+    """Return the `Multipliers` > 0 of rows; not that of the swept first interval, which bends otherwise."""
     index, count = np.empty(multipliers.shape[0], np.int64), 0
     for r in range(multipliers.shape[0]):
-        if multipliers[r] > 0.0 and not (swept and (rows.stage[r] == 1 or np.any(rows.a[r] != 0.0))):
+        if multipliers[r] > 0.0 and not (swept and rows.stage[r] == 1):
             index[count] = r
             count += 1
     index = index[:count]
