@@ -28,6 +28,7 @@ def scenario_for(case: str) -> GuidingScenario:
     # Firm: the noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass the less.
     scenario.system.controller.K_P, scenario.system.controller.K_D = 3600.0, 120.0
     if case == "body_first":
+        scenario.home[5] = -65.0
         scenario.body.pulls = [Pull(0.6, 2.4, 0.5, [0.5, 1.5, -4.5]), Pull(2.5, 2.8, 0.5, [-1.0, -2.0, -4.0])]
         scenario.end_effector.pulls = [Pull(1.7, 1.2, 0.4, [3.0, 0.0, 3.0]), Pull(3.5, 1.3, 0.4, [-3.0, 2.0, -2.5])]
         return scenario
@@ -74,7 +75,8 @@ def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[
         Metric("skin_point_error_m_3x", rms(strong_point), "m", high=0.005),
         Metric("secondary_realised", judge.secondary_realised(result), "1", 0.98, 1.02, "motion in the null space"),
         Metric("secondary_realised_3x", judge.secondary_realised(stronger), "1", 0.98, 1.02),
-        Metric("main_velocity_error_relative", judge.velocity_error(result), "1", reported="moves according to the force"),
+        Metric("main_velocity_error_relative", judge.velocity_error(result), "1",
+               reported="moves according to the force"),
         Metric("speed_max_end_effector_m_s", speeds[0], "m/s"),
         Metric("speed_max_body_m_s", speeds[1], "m/s"),
         Metric("rank_second", float(np.median(_second_rank(result))), "1"),

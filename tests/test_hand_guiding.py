@@ -160,7 +160,7 @@ def test_smooth_limit_keeps_direction_and_slope():
 
 
 def test_joints_at_their_bounds_leave_the_main_point_alone():
-    """The limited velocity is within its bounds, and moves the main point as asked wherever a joint is left to do so."""
+    """The limited velocity is within its bounds, and moves the main point as asked if joints are left for it."""
     rng, exact = np.random.default_rng(0), 0
     for _ in range(200):
         J, v = rng.standard_normal((2, 3, 7)), rng.standard_normal(7)
@@ -178,7 +178,7 @@ def test_joints_at_their_bounds_leave_the_main_point_alone():
     np.testing.assert_array_equal(inside, 0.1 * v)
 
 
-# ---- the strategy ------------------------------------------------------------------------------------------------------
+# ---- the strategy ----------------------------------------------------------------------------------------------
 
 
 def test_the_point_that_is_led_moves_with_force_over_damping(lwr4):
@@ -312,7 +312,7 @@ def test_limits_hold_at_every_sample(lwr4, force):
 
 @pytest.mark.parametrize("force", [(0.0, 25.0, 0.0), (0.0, 25.0, 15.0)])
 def test_a_stretched_arm_stays_bounded(lwr4, force):
-    """Led through its outer singularity and beyond reach, joints stay within their speeds and limits; led back, it comes."""
+    """Led beyond its reach, joints stay within their speeds and limits; led back, it comes."""
     robot = Guided(lwr4, np.deg2rad([90.0, -60.0, 0.0, 15.0, 0.0, -10.0, 0.0]))
     robot.run(0.02)
     robot.run(2.0, F_e=force)

@@ -22,8 +22,8 @@ PULLED = np.array([0.0, 0.0, 0.0, 5.0, 0.0, 0.0])
 
 
 def pressed(time):
-    return SkinReading((SkinContact(2, np.array([0.0, 0.065, 0.1]), np.array([0.0, 1.0, 0.0]), np.array([1.0, -6.0, 1.0])),),
-                       stamp=time)  # fmt: skip
+    contact = SkinContact(2, np.array([0.0, 0.065, 0.1]), np.array([0.0, 1.0, 0.0]), np.array([1.0, -6.0, 1.0]))
+    return SkinReading((contact,), stamp=time)
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from saphari_drake.simulation import guiding_analysis as judge
 from saphari_drake.simulation.experiment import main
-from saphari_drake.simulation.guiding_run import GuidingRecordingParameters, GuidingRuns
 from saphari_drake.simulation.force_recording import read_force_recording
+from saphari_drake.simulation.guiding_run import GuidingRecordingParameters, GuidingRuns
 from saphari_drake.simulation.scenario import with_assignments
 
 SCRIPT = Path(__file__).parents[1] / "diagrams" / "skin_hand_guiding.py"

@@ -97,7 +97,7 @@ class GuidingOutput(NamedTuple):
 class _Points(NamedTuple):
     """The touched points within a cycle, the main one first."""
 
-    index: tuple[int, ...]  # 0: end effector, 1: body
+    which: tuple[int, ...]  # 0: end effector, 1: body
     at: list[PointKinematics]
     p_d: list[Array]
     v_d: list[Array]
@@ -179,7 +179,7 @@ class HandGuiding:
         link, p_LC, jumped = self._body_point(state, sensed, touches)
         centre = state.centre.copy()
         points = self._desired(state, actual, sensed, touches, link, p_LC, centre)
-        law = self._law(points, state.v) if points.index else None
+        law = self._law(points, state.v) if points.which else None
         rate = params.hold_damping if sensed.valid else params.fault_damping
         nominal = law.acceleration if law else -rate * state.v
         # A change of the law fades in, out of sight of a main point that stays the same.
@@ -277,7 +277,7 @@ class HandGuiding:
         Where a point cannot go, or limits hold it back, it is that of the point itself, so that nothing winds up.
         """
         T, p_d, v_d = self.params.period, state.p_d.copy(), state.v_d.copy()
-        for k, c in enumerate(points.index):
+        for k, c in enumerate(points.which):
             at = points.at[k]
             v_own = at.Jv_WC @ v_next
             p_own = at.p_WC + T * v_own
@@ -296,7 +296,7 @@ class HandGuiding:
         p, v_d, a_d, direction = np.zeros((4, 2, 3))
         rank, lost = np.zeros((2, 2))
         status = GuidingStatus.GUIDED
-        for k, c in enumerate(points.index):
+        for k, c in enumerate(points.which):
             p[c], v_d[c], a_d[c] = points.at[k].p_WC, points.v_d[k], points.acceleration[k]
             if law is not None:
                 rank[c], direction[c] = law.rank[k], law.lost[k]
@@ -307,7 +307,7 @@ class HandGuiding:
                     status = GuidingStatus.PARTIAL
         if held_back:
             status = GuidingStatus.LIMITED
-        if not points.index:
+        if not points.which:
             status = GuidingStatus.HOLD if touches.ready else GuidingStatus.WAITING
         if not sensed.valid:
             status = GuidingStatus.SENSOR_LOST

@@ -45,7 +45,9 @@ def second_phase(run: GuidingRun) -> Mask:
     pressed = np.linalg.norm(true_force(run, 1 - main), axis=1) > 0.5
     both = np.flatnonzero(pressed & main_touched(run))
     if len(both) == 0:
-        raise SensorError("the hands never guide the robot together: the second one does not touch while the first does")
+        raise SensorError(
+            "the hands never guide the robot together: the second one does not touch while the first does"
+        )
     after = np.arange(len(pressed)) >= both[0]
     lost = np.flatnonzero(after & ~main_touched(run))
     return after & (np.arange(len(pressed)) < (lost[0] if len(lost) else len(pressed)))
@@ -116,7 +118,9 @@ def held_back(run: GuidingRun) -> Mask:
     q, v, margin = run.log["position"], run.log["velocity"], params.joint_margin + 0.05
     near = (q < robot.q_min + margin) | (q > robot.q_max - margin)
     fast = np.abs(v) > 0.97 * params.joint_speed_share * robot.v_max
-    approaching = (robot.q_max - q < 1.05 * params.approach_time * v) | (q - robot.q_min < -1.05 * params.approach_time * v)
+    approaching = (robot.q_max - q < 1.05 * params.approach_time * v) | (
+        q - robot.q_min < -1.05 * params.approach_time * v
+    )
     return np.asarray(np.any(near | fast | approaching, axis=1))
 
 

@@ -17,7 +17,7 @@ from saphari_drake.parameters import require_choice, require_positive
 from saphari_drake.perception.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorParameters
 from saphari_drake.perception.joint_acceleration import JointAcceleration
 from saphari_drake.perception.joint_sensor import JointSensor, JointSensorParameters
-from saphari_drake.perception.skin_calibration import IndenterParameters, SkinCalibration, calibrate, indent
+from saphari_drake.perception.skin_calibration import SkinCalibration, calibrate, indent
 from saphari_drake.perception.skin_estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin_layout import SkinLayout, SkinLayoutParameters
 from saphari_drake.perception.skin_modules import SkinModules
@@ -47,8 +47,6 @@ class GuidingCellParameters:
     joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(PERIOD, 1e-6))
     skin_layout: SkinLayoutParameters = field(default_factory=SkinLayoutParameters)
     skin_sensor: SkinSensorParameters = field(default_factory=lambda: SkinSensorParameters(period=PERIOD))
-    # How the skin was calibrated.
-    indenter: IndenterParameters = field(default_factory=IndenterParameters)
     skin_estimator: SkinEstimatorParameters = field(default_factory=lambda: SkinEstimatorParameters(period=PERIOD))
     # The tip is where the hand holds a light handle at the flange.
     force_sensor: ForceTorqueSensorParameters = field(
@@ -96,7 +94,7 @@ def add_guided_robot(
 
 def skin_calibration(layout: SkinLayout, params: GuidingCellParameters) -> SkinCalibration:
     """Return the calibration of the cell's skin from presses of an indenter."""
-    return calibrate(layout, indent(SkinModules(layout, params.skin_sensor.modules), params.indenter))
+    return calibrate(layout, indent(SkinModules(layout, params.skin_sensor.modules)))
 
 
 def add_guiding_cell(
@@ -150,6 +148,4 @@ def add_guiding_cell(
         builder.Connect(state, servo.GetInputPort("state"))
         builder.Connect(controller.GetOutputPort("position_commanded"), servo.GetInputPort("position_commanded"))
         builder.Connect(servo.GetOutputPort("torque_commanded"), torque_input)
-    return GuidingCell(
-        robot, plant, scene_graph, instance, state, layout, hands, controller, skin, wrist
-    )
+    return GuidingCell(robot, plant, scene_graph, instance, state, layout, hands, controller, skin, wrist)

@@ -88,11 +88,11 @@ class GuidingScenario:
     # Seed of the sensors' noise and bias, and of where and how hard the hands press.
     seed: int = 0
     # s.
-    duration: float = 5.8
+    duration: float = 5.4
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
     # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
-    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -45.0, 0.0])
+    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -30.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
     aim_spread: float = 0.012
     # Share by which the forces of both hands differ from those below.

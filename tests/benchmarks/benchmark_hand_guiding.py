@@ -1,4 +1,4 @@
-"""Wall time of one control cycle of hand guiding on one pinned thread, and the stiffness of hands that gains hold with.
+"""Wall time of one control cycle of hand guiding on one pinned thread, and stiffness of hands that gains hold with.
 
 The cycle: all dynamics of the arm, forces, touches, priorities, limits and torque, with nobody, one and two hands.
 
@@ -48,7 +48,7 @@ def cycle_times(F_e: float, F_b: float, feedback: str) -> np.ndarray:
 
 
 def print_table(title: str, loop: GuidingLoop) -> None:
-    """Print the stiffest hand (N/m) that each mass and damping holds with, and mark those that hold from 100 to 3000."""
+    """Print the stiffest hand (N/m) of each mass and damping, and mark those that hold from 100 to 3000."""
     print(f"\n{title}: stiffest undamped hand that is stable [N/m]; * all from 100 to 3000 N/m")
     print(f"{'M [kg] / D [Ns/m]':>18}" + "".join(f"{damping:>10g}" for damping in DAMPINGS))
     for mass, row in zip(MASSES, stiffness_table(loop, MASSES, DAMPINGS, ARM_MASSES)):
