@@ -162,7 +162,7 @@ def _fault(
         and np.shape(obstacles.radius) == (m,)
     )
     values = (q, p_WE, R_WE, obstacles.p_WO, obstacles.v_WO, obstacles.radius)
-    if not shapes or not all(np.all(np.isfinite(value)) for value in values):
+    if not shapes or not all(np.isfinite(np.add.reduce(value, axis=None)) for value in values):
         return NmpcStatus.BAD_INPUT
     if obstacles.status == ObstacleStatus.LOST or age > problem.params.obstacle_timeout:
         return NmpcStatus.OBSTACLES_LOST
