@@ -113,7 +113,8 @@ class NmpcController(LeafSystem):
         command = self._state(context).command
         if self.problem.base:
             q = np.array(self._position.Eval(context))
-            output.SetFromVector(joint_velocity(self.problem.data, q, command) if np.all(np.isfinite(q)) else 0.0 * q)
+            known = np.all(np.isfinite(q))
+            output.SetFromVector(joint_velocity(self.problem.data, q, command) if known else np.zeros(len(q)))
         else:
             output.SetFromVector(np.clip(command, -self.problem.v_max, self.problem.v_max))
 
