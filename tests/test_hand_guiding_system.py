@@ -101,7 +101,7 @@ def test_a_clone_goes_on_by_itself(bench):
 def test_a_lost_sensor_never_reaches_the_command_ports(bench, fault):
     lead(bench, 40)
     moving = np.abs(bench.read("velocity_commanded")).max()
-    for _ in range(40):
+    for _ in range(60):
         now = bench.cycles * PERIOD
         wrench, skin = PULLED, SkinReading(stamp=now)
         if fault == "lost":
