@@ -26,7 +26,7 @@ def scenario_for(case: str) -> GuidingScenario:
     """Return the scenario of a case."""
     scenario = GuidingScenario(case=case)
     # Firm: the noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass the less.
-    scenario.system.controller.K_P, scenario.system.controller.K_D = 3600.0, 120.0
+    scenario.system.controller.K_P, scenario.system.controller.K_D = 6400.0, 160.0
     if case == "body_first":
         scenario.home[5] = -65.0
         scenario.body.pulls = [Pull(0.6, 2.4, 0.5, [0.5, 1.5, -4.5]), Pull(2.5, 2.8, 0.5, [-1.0, -2.0, -4.0])]
