@@ -1,7 +1,5 @@
 """From voltages of a skin to contacts: forces of the modules, patches of pressure, a bell fitted to each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
