@@ -33,10 +33,14 @@ class DenseQP(NamedTuple):
 QpSolver = Callable[[Subproblem], tuple[Array, Array, Array, float]]
 
 
-def dense_qp(qp: Subproblem, off: Array, penalty: float) -> DenseQP:
-    """Write a subproblem with its slacks s ≥ 0, at the price penalty·(s + ½ s²), as dense matrices."""
+def dense_qp(qp: Subproblem, off: Array, penalty: float, soft: bool = True) -> DenseQP:
+    """Write a subproblem as dense matrices, with slacks s ≥ 0 at the price penalty·(s + ½ s²) if it is `soft`.
+
+    With hard rows, x is δ alone; their solution is that of the soft ones if no multiplier exceeds the penalty.
+    """
     N, n = qp.g.shape
-    size, m, e = N * n, len(qp.rows.z), len(qp.slip.z)
+    size, rows, e = N * n, len(qp.rows.z), len(qp.slip.z)
+    m = rows if soft else 0
     H = np.zeros((size + m, size + m))
     blocks = H[:size, :size].reshape(N, n, N, n)
     D = np.zeros((N, n, N, n))
@@ -47,11 +51,11 @@ def dense_qp(qp: Subproblem, off: Array, penalty: float) -> DenseQP:
             blocks[k, :, k - 1, :] = blocks[k - 1, :, k, :] = -np.diag(off)
             D[k, :, k - 1, :] = -np.eye(n)
     H[size:, size:] = penalty * np.eye(m)
-    A = np.zeros((size + m + e, size + m))
+    A = np.zeros((size + rows + e, size + m))
     A[:size, :size] = D.reshape(size, size)
-    A[size : size + m, :size] = _spread(qp.rows, size)
+    A[size : size + rows, :size] = _spread(qp.rows, size)
     A[size : size + m, size:] = np.eye(m)
-    A[size + m :, :size] = _spread(qp.slip, size)
+    A[size + rows :, :size] = _spread(qp.slip, size)
     return DenseQP(
         H,
         np.concatenate([qp.g.ravel(), np.full(m, penalty)]),
@@ -59,7 +63,7 @@ def dense_qp(qp: Subproblem, off: Array, penalty: float) -> DenseQP:
         np.concatenate([qp.high.ravel(), np.full(m, np.inf)]),
         A,
         np.concatenate([qp.v_low.ravel(), -qp.rows.z, -qp.slip.z]),
-        np.concatenate([qp.v_high.ravel(), np.full(m, np.inf), -qp.slip.z]),
+        np.concatenate([qp.v_high.ravel(), np.full(rows, np.inf), -qp.slip.z]),
     )
 
 
@@ -71,26 +75,37 @@ def make_qp_solver(name: str, problem: NmpcProblem) -> QpSolver:
     solve = _daqp if name == "daqp" else _program_solver(name)
     off = problem.data.Q_v * (2.0 / problem.params.period**2)
 
+    penalty = problem.params.slack_penalty
+
     def qp_solver(qp: Subproblem) -> tuple[Array, Array, Array, float]:
-        x, dual = solve(dense_qp(qp, off, problem.params.slack_penalty))
         size, m = qp.g.size, len(qp.rows.z)
+        hard = _try_daqp(dense_qp(qp, off, penalty, soft=False))[0] if name == "daqp" else None
+        if hard is not None and np.abs(hard[1][size : size + m]).max(initial=0.0) <= penalty:
+            (x, dual), slack = hard, np.zeros(m)
+        else:
+            x, dual = solve(dense_qp(qp, off, penalty))
+            slack = np.where(x[size:] > 1e-7, x[size:], 0.0)
         nonlinear = np.abs(dual[size:])
-        slack = np.where(x[size:] > 1e-7, x[size:], 0.0)
         return x[:size].reshape(qp.g.shape), nonlinear[:m], slack, float(nonlinear.max(initial=0.0))
 
     return qp_solver
 
 
-def _daqp(qp: DenseQP) -> tuple[Array, Array]:
-    """Return x and the multipliers of the rows of A."""
+def _try_daqp(qp: DenseQP) -> tuple[tuple[Array, Array] | None, int]:
+    """Return x and the multipliers of the rows of A, or None, and DAQP's exit flag."""
     upper, lower = np.concatenate([qp.high, qp.upper]), np.concatenate([qp.low, qp.lower])
     sense = np.where(upper == lower, 5, 0).astype(np.int32)
     x, _, flag, info = daqp.solve(
         qp.H, qp.f, qp.A, np.minimum(upper, 1e30), np.maximum(lower, -1e30), sense, primal_tol=1e-9
     )
-    if flag <= 0:
+    return ((np.asarray(x), np.asarray(info["lam"])[len(x) :]) if flag > 0 else None), flag
+
+
+def _daqp(qp: DenseQP) -> tuple[Array, Array]:
+    solution, flag = _try_daqp(qp)
+    if solution is None:
         raise SolverError("daqp", f"exit flag {flag}")
-    return np.asarray(x), np.asarray(info["lam"])[len(x) :]
+    return solution
 
 
 def _program_solver(name: str) -> Callable[[DenseQP], tuple[Array, Array]]:
