@@ -47,3 +47,12 @@ def test_two_contacts_have_a_row_each_and_files_are_written(tmp_path):
 def test_same_seed_gives_the_same_scenes():
     runs = [script.run(scenario_of("hidden", count=2), RunOptions()) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].log["error"], runs[1].log["error"])
+
+
+@pytest.mark.parametrize(
+    "assignment", ["count=0", "frames=0", "moving=1.5", "moving=nan", "extrinsic_shift=-1", "cameras=[]"]
+)
+def test_bad_input_is_one_line_and_status_2(capsys, assignment):
+    assert main(script.EXPERIMENT, ["--case", "one_camera", "--set", assignment]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and assignment.split("=")[0] in lines[0]

@@ -4,16 +4,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import cycle
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.camera_check import CameraCheckParameters, CheckResult, CheckStatus, check_camera
-from saphari_drake.perception.contact_localizer import posture_at
+from saphari_drake.perception.depth_frames import DepthFrames, Postures, posture_at
 from saphari_drake.perception.rgbd_camera import CameraParameters
 from saphari_drake.port_values import Immutable
 from saphari_drake.robots.model import RobotModel
@@ -45,7 +44,7 @@ class CheckScheduleParameters:
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    postures: tuple[tuple[float, Array], ...] = ()  # times (s) and joint positions (n,), oldest first
+    postures: Postures = ()  # times (s) and joint positions (n,), oldest first
     stamp: float = -1.0  # s, of the last frame that was looked at
     kept: tuple[tuple[Array, Depth], ...] = ()  # postures and images of the next check, oldest first
     fresh: bool = False  # whether a frame was kept since the last check
@@ -118,10 +117,7 @@ class CameraCheck(LeafSystem):
         self._robot, self._camera, self._X_WC = robot, camera, X_WC
         self._params, self._schedule = params or CameraCheckParameters(), schedule or CheckScheduleParameters()
         self._remembered = int(np.ceil(0.3 / period)) + 1
-        image = ImageDepth32F(camera.width, camera.height)
-        self._position = self.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
-        self._image = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
-        self._time = self.DeclareVectorInputPort("image_time", BasicVector(1))
+        self._frames = DepthFrames(self, robot, camera)
         self._person = self.DeclareAbstractInputPort("human_points", AbstractValue.Make(np.zeros((0, 3))))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
@@ -149,9 +145,8 @@ class CameraCheck(LeafSystem):
 
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
-        q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
-        memory = replace(memory, postures=(*memory.postures, (now, q))[-self._remembered :])
-        stamp = float(self._time.Eval(context)[0])
+        memory = replace(memory, postures=self._frames.remember(context, memory.postures, self._remembered))
+        stamp = self._frames.stamp(context)
         if stamp != memory.stamp and memory.postures[0][0] <= stamp <= now:
             memory = self._with_frame(context, memory, stamp)
         if now >= memory.due and memory.fresh and memory.status != CheckStatus.BUSY:
@@ -169,7 +164,7 @@ class CameraCheck(LeafSystem):
         q, before = posture_at(memory.postures, stamp), posture_at(memory.postures, stamp - 0.1)
         if np.linalg.norm(q - before) > self._schedule.rest:
             return memory
-        image = self._image.Eval(context).data[..., 0].copy()
+        image = self._frames.depth(context).copy()
         others = tuple(entry for entry in memory.kept if np.linalg.norm(entry[0] - q) >= self._schedule.apart)
         return replace(memory, kept=(*others, (q, image))[-int(self._schedule.frames) :], fresh=True)
 

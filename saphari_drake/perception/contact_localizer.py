@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import cycle
-from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.perception.depth_frames import DepthFrames, Postures, link_poses, posture_at
 from saphari_drake.perception.localization import (
     Array,
     ContactVision,
@@ -33,7 +32,7 @@ _NOBODY = np.zeros((0, 3))
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    postures: tuple[tuple[float, Array], ...]  # times (s) and joint positions (n,), oldest first
+    postures: Postures  # times (s) and joint positions (n,), oldest first
     frame_time: float  # s, when the last frame arrived; before the first one, when the system started
     stamp: float = -1.0  # s, when the last frame was taken
     status: CameraStatus = CameraStatus.WAITING
@@ -104,10 +103,7 @@ class ContactLocalizer(LeafSystem):
         self._vision = ContactVision(robot.shapes, camera, self._params, background)
         self._kept = int(np.ceil(self._params.memory / period)) + 1
         self._compile(camera)
-        image = ImageDepth32F(camera.width, camera.height)
-        self._position = self.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
-        self._image = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
-        self._time = self.DeclareVectorInputPort("image_time", BasicVector(1))
+        self._frames = DepthFrames(self, robot, camera)
         empty = _Memory((), 0.0)
         self._state = self.DeclareAbstractState(AbstractValue.Make(empty))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
@@ -138,22 +134,21 @@ class ContactLocalizer(LeafSystem):
         self._vision.on_surface(int(max(result.link, self._robot.shapes.link.max())), np.zeros(3))
 
     def _localize(self, depth: Depth, q: Array) -> Localization:
-        t = self._robot.tree
-        R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-        return self._vision.localize(depth, R_WL, p_WL)
+        return self._vision.localize(depth, *link_poses(self._robot, q))
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
 
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
-        q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
         frame_time = memory.frame_time if memory.postures else now
-        memory = replace(memory, frame_time=frame_time, postures=(*memory.postures, (now, q))[-self._kept :])
-        stamp = float(self._time.Eval(context)[0])
+        memory = replace(
+            memory, frame_time=frame_time, postures=self._frames.remember(context, memory.postures, self._kept)
+        )
+        stamp = self._frames.stamp(context)
         usable = 0.0 <= stamp <= now and now - stamp <= self._params.memory
         if usable and stamp != memory.stamp:
-            seen = self._localize(self._image.Eval(context).data[..., 0], posture_at(memory.postures, stamp))
+            seen = self._localize(self._frames.depth(context), posture_at(memory.postures, stamp))
             memory = self._with_frame(memory, seen, stamp, now)
         elif now - memory.frame_time > self._params.timeout + 1e-9:
             memory = replace(memory, status=CameraStatus.STALE, contact=ContactPoint(), human_points=_NOBODY)
@@ -183,10 +178,3 @@ class ContactLocalizer(LeafSystem):
             p_LC, n_L = self._vision.on_surface(result.link, last.p_LC + weight * (p_LC - last.p_LC))
         contact = ContactPoint(True, result.link, p_LC, n_L, result.distance, stamp)
         return replace(memory, contact=contact, other_link=-1, other_count=0)
-
-
-def posture_at(postures: tuple[tuple[float, Array], ...], time: float) -> Array:
-    """Return the joint positions (n,) at a time (s), interpolated between remembered ones."""
-    times = np.array([entry[0] for entry in postures])
-    columns = np.array([entry[1] for entry in postures]).T
-    return np.array([np.interp(time, times, column) for column in columns])

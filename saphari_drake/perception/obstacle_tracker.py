@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.leaf import cycle
-from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.perception.depth_frames import DepthFrames, Postures, link_poses, posture_at
 from saphari_drake.perception.localization import ContactVision, LocalizerParameters
 from saphari_drake.perception.obstacle_tracks import (
     NO_TRACKS,
@@ -36,7 +34,7 @@ _UNKNOWN = ObstaclePoints(status=ObstacleStatus.LOST)
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    postures: tuple[tuple[float, Array], ...] = ()  # times (s) and joint positions (n,), oldest first
+    postures: Postures = ()  # times (s) and joint positions (n,), oldest first
     stamp: float = -1.0  # s, when the last frame was taken
     tracks: Tracks = NO_TRACKS
     obstacles: ObstaclePoints = _UNKNOWN
@@ -105,10 +103,7 @@ class ObstacleTracker(LeafSystem):
         self._kept = int(np.ceil((self._params.timeout + self._frame_period) / self._params.period)) + 2
         # Every kernel is compiled here, by an image that shows something everywhere.
         self._points(np.full((camera.height, camera.width), camera.near, dtype=np.float32), robot.home)
-        image = ImageDepth32F(camera.width, camera.height)
-        self._position = self.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
-        self._image = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
-        self._time = self.DeclareVectorInputPort("image_time", BasicVector(1))
+        self._frames = DepthFrames(self, robot, camera)
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         ticket = {self.abstract_state_ticket(self._state)}
@@ -127,20 +122,17 @@ class ObstacleTracker(LeafSystem):
 
     def _points(self, depth: Depth, q: Array) -> Array:
         """Return the points (k, 3) in the world that are neither robot nor background."""
-        t = self._robot.tree
-        R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-        return self._vision.localize(depth, R_WL, p_WL).human_points
+        return self._vision.localize(depth, *link_poses(self._robot, q)).human_points
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
 
     def _update(self, context: Context, state: State) -> EventStatus:
         params, memory, now = self._params, self._memory(context), context.get_time()
-        q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
-        memory = replace(memory, postures=(*memory.postures, (now, q))[-self._kept :])
-        stamp = float(self._time.Eval(context)[0])
+        memory = replace(memory, postures=self._frames.remember(context, memory.postures, self._kept))
+        stamp = self._frames.stamp(context)
         if stamp > memory.stamp and 0.0 <= now - stamp <= params.timeout:
-            memory = self._with_frame(memory, self._image.Eval(context).data[..., 0], stamp)
+            memory = self._with_frame(memory, self._frames.depth(context), stamp)
         elif now - memory.stamp > params.timeout + 1e-9:
             lost = ObstaclePoints(stamp=memory.stamp, status=ObstacleStatus.LOST)
             memory = replace(memory, tracks=NO_TRACKS, obstacles=lost)
@@ -154,7 +146,7 @@ class ObstacleTracker(LeafSystem):
         if self._blind(depth):
             lost = ObstaclePoints(stamp=stamp, status=ObstacleStatus.LOST)
             return replace(memory, stamp=stamp, tracks=NO_TRACKS, obstacles=lost)
-        cloud = self._points(depth, _posture_at(memory.postures, stamp))
+        cloud = self._points(depth, posture_at(memory.postures, stamp))
         surface = voxel_means(cloud[cloud[:, 2] > params.lowest], params.voxel)
         away = surface - self._vision.pose[1]
         half = params.thickness * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
@@ -174,10 +166,3 @@ class ObstacleTracker(LeafSystem):
 def _published(tracks: Tracks, stamp: float) -> ObstaclePoints:
     status = ObstacleStatus.HELD if np.any(tracks.unseen > 0.0) else ObstacleStatus.OK
     return ObstaclePoints(tracks.p_W, tracks.v_W, tracks.extent, stamp, status)
-
-
-def _posture_at(postures: Sequence[tuple[float, Array]], time: float) -> Array:
-    """Joint positions at a time, interpolated."""
-    times = np.array([entry[0] for entry in postures])
-    columns = np.array([entry[1] for entry in postures]).T
-    return np.array([np.interp(time, times, column) for column in columns])

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RotationMatrix
 
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.fusion import FusionParameters
 from saphari_drake.perception.localizer_parameters import LocalizerParameters
 from saphari_drake.perception.rgbd_camera import CameraParameters
@@ -32,10 +34,10 @@ class ContactLocalizationScenario:
     duration: float = 1.0
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
-    # Number of scenes (≥ 1), and frames of each; the last one is judged.
+    # Number of scenes (≥ 1), and frames of each (≥ 1); the last one is judged.
     count: int = 204
     frames: int = 8
-    # Share of the scenes in which the robot moves.
+    # Share of the scenes in which the robot moves (0–1).
     moving: float = 0.0
     # m and deg; error of the camera's pose that the localizer does not know of.
     extrinsic_shift: float = 0.0
@@ -44,6 +46,14 @@ class ContactLocalizationScenario:
     scenes: SceneParameters = field(default_factory=SceneParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     fusion: FusionParameters = field(default_factory=FusionParameters)
+
+    def __post_init__(self) -> None:
+        require_positive(self, "count", "frames")
+        require_non_negative(self, "moving", "extrinsic_shift", "extrinsic_turn")
+        if self.moving > 1.0:
+            raise ParameterError("moving", f"must not exceed 1, got {self.moving}")
+        if not self.cameras:
+            raise ParameterError("cameras", "needs at least one camera")
 
 
 def scenario_for(case: str) -> ContactLocalizationScenario:
