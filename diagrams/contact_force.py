@@ -18,7 +18,6 @@ from saphari_drake.simulation.contact_run import (
     ContactScenario,
     aimed,
     load_robot,
-    median,
     record_contact,
     replay_contact,
     simulate,
@@ -141,7 +140,6 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
         else force_metrics(log, touches, control.desired_force)
     )
     still = max(judge.motion(log, robot, rows) for rows in judge.untouched(log))
-    errors = touches_of.localization_errors(log)
     jump = np.abs(np.diff(log["torque"], axis=0)).max()
     return [
         *metrics,
@@ -155,8 +153,7 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
             low=control.hand_stiffness,
             decides=False,
         ),
-        Metric("localization_error_m", median(errors), "m"),
-        Metric("link_correct", touches_of.link_correct(log), "1"),
+        *touches_of.localization_metrics(log, touches),
         Metric("torque_step_max_Nm", float(jump), "Nm"),
         Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
     ]

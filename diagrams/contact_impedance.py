@@ -15,7 +15,6 @@ from saphari_drake.simulation.contact_run import (
     ContactScenario,
     aimed,
     load_robot,
-    median,
     record_contact,
     replay_contact,
     rms,
@@ -137,18 +136,13 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
     robot, case = setup.robot, setup.scenario.case
     touches = judge.find_touches(log, robot, setup.pushes)
     K_p = np.broadcast_to(setup.scenario.system.pipeline.controller.K_p, 3)
-    errors = judge.localization_errors(log)
     metrics = []
     if case == "recorded":
         metrics += recorded_metrics(setup, log)
     else:
         worst = max(judge.force_error(log, touch) for touch in touches)
         metrics.append(Metric("force_error_relative", worst, "1", high=0.10, reported="estimate used as it is"))
-    metrics += [
-        Metric("localization_error_m", median(errors), "m", high=0.010, reported="approximate localisation"),
-        Metric("localization_error_p95_m", float(np.percentile(errors, 95)) if len(errors) else np.nan, "m"),
-        Metric("link_correct", judge.link_correct(log), "1"),
-    ]
+    metrics += judge.localization_metrics(log, touches, 0.010, 0.015)
     if case != "recorded":
         worst = max(judge.deflection_error(log, robot, touch, K_p) for touch in touches)
         metrics.append(Metric("deflection_error_relative", worst, "1", high=0.10, reported="F/K_p, eq. (53)"))

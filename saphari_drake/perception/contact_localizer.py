@@ -10,15 +10,16 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.leaf import cycle
-from saphari_drake.perception.depth_frames import DepthFrames, Postures, link_poses, posture_at
+from saphari_drake.perception.contact_track import ContactTrack, ContactTracker
+from saphari_drake.perception.depth_frames import DepthFrames, Postures, posture_at
 from saphari_drake.perception.localization import (
     Array,
     ContactVision,
     Depth,
-    Localization,
     LocalizerParameters,
     background_depth,
 )
+from saphari_drake.perception.point_correction import instant
 from saphari_drake.perception.rgbd_camera import CameraParameters
 from saphari_drake.port_values import CameraStatus, ContactPoint, Immutable
 from saphari_drake.robots.model import RobotModel
@@ -33,12 +34,11 @@ class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
     postures: Postures  # times (s) and joint positions (n,), oldest first
+    residuals: Postures  # the same of the residual (n,); empty if that is not connected
     frame_time: float  # s, when the last frame arrived; before the first one, when the system started
     stamp: float = -1.0  # s, when the last frame was taken
     status: CameraStatus = CameraStatus.WAITING
-    contact: ContactPoint = field(default_factory=ContactPoint)
-    other_link: int = -1  # link that the last frames showed instead of the contact's
-    other_count: int = 0  # and how many
+    track: ContactTrack = field(default_factory=ContactTrack)
     human_points: Array = field(default_factory=lambda: _NOBODY)
 
 
@@ -52,6 +52,7 @@ class ContactLocalizer(LeafSystem):
         - position_measured
         - depth_image
         - image_time
+        - residual
         output_ports:
         - contact_point
         - camera_status
@@ -62,13 +63,15 @@ class ContactLocalizer(LeafSystem):
     position_measured : n (rad or m), from a joint sensor.
     depth_image : abstract `ImageDepth32F` (m), from a `DepthCameraSampler`.
     image_time : 1 (s), the time at which that image was taken; a change says that a frame has arrived.
+    residual : n (Nm), optional, from `MomentumObserver`; vetoes a contact point that it contradicts.
     contact_point : abstract `ContactPoint`, smoothed over frames.
     camera_status : 1, a `CameraStatus` as a number.
     human_points : abstract (k, 3) array, points of the person in the world (m) in the last frame.
 
     Every `period` the posture is remembered; when a frame has arrived, the posture at the frame's own time stamp poses
-    the robot's shapes. The robot and the static background are removed from the image, and the contact point is a soft
-    minimum over the rest (`ContactVision.localize`). `found` says that the person is nearer than `gate`; a contact of
+    the robot's shapes. The robot and the static background are removed from the image, and the rest is explained as
+    something thin or as a limb that touches (`ContactVision.localize_several`); `ContactTracker` chooses over frames,
+    with the residual of the same time. `found` says that the person is nearer than `gate`; a contact of
     which the camera sees nothing is not found. With a camera that is not OK, no contact is found.
 
     Parameters
@@ -101,17 +104,19 @@ class ContactLocalizer(LeafSystem):
             raise ParameterError("period", f"must be positive and finite, got {period}")
         self._robot, self._params = robot, params or LocalizerParameters()
         self._vision = ContactVision(robot.shapes, camera, self._params, background)
+        self._tracker = ContactTracker(robot, self._params, self._vision.on_surface)
         self._kept = int(np.ceil(self._params.memory / period)) + 1
         self._compile(camera)
         self._frames = DepthFrames(self, robot, camera)
-        empty = _Memory((), 0.0)
+        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
+        empty = _Memory((), (), 0.0)
         self._state = self.DeclareAbstractState(AbstractValue.Make(empty))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         ticket = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort(
             "contact_point",
             alloc=lambda: AbstractValue.Make(ContactPoint()),
-            calc=lambda context, output: output.set_value(self._memory(context).contact),
+            calc=lambda context, output: output.set_value(self._memory(context).track.contact),
             prerequisites_of_calc=ticket,
         )
         self.DeclareVectorOutputPort(
@@ -130,51 +135,42 @@ class ContactLocalizer(LeafSystem):
     def _compile(self, camera: CameraParameters) -> None:
         """Localize in an image that shows something everywhere, which compiles every kernel."""
         depth = np.full((camera.height, camera.width), camera.near, dtype=np.float32)
-        result = self._localize(depth, self._robot.home)
-        self._vision.on_surface(int(max(result.link, self._robot.shapes.link.max())), np.zeros(3))
-
-    def _localize(self, depth: Depth, q: Array) -> Localization:
-        return self._vision.localize(depth, *link_poses(self._robot, q))
+        at = instant(self._robot, 0.0, self._robot.home, np.full(self._robot.n, 100.0))
+        seen = self._vision.localize_several(depth, at.R_WL, at.p_WL, 1)
+        link = int(max(seen[0].link, self._robot.shapes.link.max()))
+        self._tracker.after(ContactTrack(), [seen[0]._replace(link=link)], at)
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
 
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
-        frame_time = memory.frame_time if memory.postures else now
         memory = replace(
-            memory, frame_time=frame_time, postures=self._frames.remember(context, memory.postures, self._kept)
+            memory,
+            frame_time=memory.frame_time if memory.postures else now,
+            postures=self._frames.remember(context, memory.postures, self._kept),
+            residuals=self._with_residual(context, memory.residuals),
         )
         stamp = self._frames.stamp(context)
         usable = 0.0 <= stamp <= now and now - stamp <= self._params.memory
         if usable and stamp != memory.stamp:
-            seen = self._localize(self._frames.depth(context), posture_at(memory.postures, stamp))
-            memory = self._with_frame(memory, seen, stamp, now)
+            memory = self._with_frame(memory, self._frames.depth(context), stamp, now)
         elif now - memory.frame_time > self._params.timeout + 1e-9:
-            memory = replace(memory, status=CameraStatus.STALE, contact=ContactPoint(), human_points=_NOBODY)
+            memory = replace(memory, status=CameraStatus.STALE, track=ContactTrack(), human_points=_NOBODY)
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
         return EventStatus.Succeeded()
 
-    def _with_frame(self, memory: _Memory, result: Localization, stamp: float, now: float) -> _Memory:
-        memory = replace(memory, stamp=stamp, frame_time=now)
-        if result.seen < self._params.least_seen:
-            return replace(memory, status=CameraStatus.INVALID, contact=ContactPoint(), human_points=_NOBODY)
-        memory = replace(memory, status=CameraStatus.OK, human_points=result.human_points)
-        return self._with_contact(memory, result, stamp)
+    def _with_residual(self, context: Context, residuals: Postures) -> Postures:
+        if not self._residual.HasValue(context):
+            return ()
+        return (*residuals, (context.get_time(), np.array(self._residual.Eval(context))))[-self._kept :]
 
-    def _with_contact(self, memory: _Memory, result: Localization, stamp: float) -> _Memory:
-        """Smooth the point over frames; another link is taken when it was seen often enough in a row."""
-        params, last = self._params, memory.contact
-        if not (result.link >= 0 and result.distance < params.gate):
-            return replace(memory, contact=ContactPoint(stamp=stamp), other_link=-1, other_count=0)
-        p_LC, n_L = result.p_LC, result.n_L
-        if last.found and result.link != last.link:
-            count = memory.other_count + 1 if result.link == memory.other_link else 1
-            if count < params.switch_frames:
-                held = replace(last, distance=result.distance, stamp=stamp)
-                return replace(memory, contact=held, other_link=result.link, other_count=count)
-        elif last.found and np.linalg.norm(p_LC - last.p_LC) < params.jump:
-            weight = -np.expm1(-(stamp - last.stamp) / params.time_constant)
-            p_LC, n_L = self._vision.on_surface(result.link, last.p_LC + weight * (p_LC - last.p_LC))
-        contact = ContactPoint(True, result.link, p_LC, n_L, result.distance, stamp)
-        return replace(memory, contact=contact, other_link=-1, other_count=0)
+    def _with_frame(self, memory: _Memory, depth: Depth, stamp: float, now: float) -> _Memory:
+        r = posture_at(memory.residuals, stamp) if memory.residuals else None
+        at = instant(self._robot, stamp, posture_at(memory.postures, stamp), r)
+        seen = self._vision.localize_several(depth, at.R_WL, at.p_WL, 1)
+        memory = replace(memory, stamp=stamp, frame_time=now)
+        if seen[0].seen < self._params.least_seen:
+            return replace(memory, status=CameraStatus.INVALID, track=ContactTrack(), human_points=_NOBODY)
+        track = self._tracker.after(memory.track, seen, at)
+        return replace(memory, status=CameraStatus.OK, track=track, human_points=seen[0].human_points)

@@ -182,16 +182,18 @@ class ContactFusionLaw:
                 e.p_LC
                 for frame in memory.seen
                 for e in frame
-                if e.link == entry.link and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
+                if e.link == entry.link
+                and e.limb == entry.limb
+                and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
             ]
             anchor, _ = self.visions[0].on_surface(entry.link, np.mean(points, axis=0))
             normal = smooth_normal(self.robot.shapes, entry.link, anchor)
             away = max(entry.distance - self.params.near, 0.0) / self.params.far
             sigma = self.params.vision_sigma + self.params.width_share * entry.width
-            if entry.limb_gap < np.inf:
+            if entry.limb:
                 sigma = self.params.limb_sigma + 0.5 * entry.limb_gap
             modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, 0.0, anchor))
-            priors.append(away**2)
+            priors.append(away**2 + entry.cost)
         return self._refined(memory, modes, priors)
 
     def _grid_modes(self, memory: FusionMemory, cost: Array) -> list[tuple[int, Mode]]:

@@ -23,6 +23,12 @@ __all__ = ["Array", "ContactVision", "Depth", "Localization", "LocalizerParamete
 Array = NDArray[np.float64]
 
 _LIMB_READINGS = 300  # about so many are fitted
+# Mean and deviation of the width of a finger and of the end of a limb, over the radius of the limb that is fitted
+# around them; from random hands with fingers of 8 to 18 mm and fists of 35 to 46 mm in radius.
+_THIN_WIDTH, _LIMB_WIDTH = (0.15, 0.08), (0.47, 0.10)
+_MOST = 5.0  # deviations that count
+# Radii inside the limb's extent from which, and from which on surely, it touches along its side; the cost of no limb.
+_SIDE, _SIDE_COST = (0.3, 1.0), 16.0
 
 
 class Localization(NamedTuple):
@@ -44,6 +50,10 @@ class Localization(NamedTuple):
         Deviation across the view (m) of the part of the person that is near the point.
     limb_gap : float
         How far from touching a limb is that was fitted to the readings and gave the point (m; ∞: none was).
+    cost : float
+        −2 log of how well what is seen near the point suits this explanation of it (≥ 0).
+    place : int
+        Number of the place; explanations of one place share it.
     """
 
     link: int
@@ -54,6 +64,43 @@ class Localization(NamedTuple):
     human_points: Array
     width: float = 0.0
     limb_gap: float = np.inf
+    cost: float = 0.0
+    place: int = 0
+
+    @property
+    def limb(self) -> bool:
+        """Whether the point is that of a fitted limb, not that of something as thick as it is wide."""
+        return self.limb_gap < np.inf
+
+
+class _Limb(NamedTuple):
+    link: int
+    p_CT: Array  # (3,) m, where it touches
+    n_C: Array  # (3,) outward normal there
+    gap: float  # m
+    cost: float
+    thin_cost: float  # of the other explanation
+
+
+def shape_costs(width: float, inside: float, gap: float) -> tuple[float, float]:
+    """Return the costs (−2 log) of a limb and of something thin, by the shape of what is seen near a place.
+
+    A fist or the end of a limb is about as wide as the limb where it touches; a finger in front of a fist is not, and
+    the limb fitted to fist and forearm would touch beside it. Only a limb goes on to both sides of the place.
+
+    Parameters
+    ----------
+    width : float
+        Deviation across the view of what is near the place, over the limb's radius.
+    inside : float
+        How far the place lies inside the extent of what is seen of the limb, over its radius (< 0: beyond its end).
+    gap : float
+        How far the limb is from touching, over the most that it may be.
+    """
+    side = float(np.clip((inside - _SIDE[0]) / (_SIDE[1] - _SIDE[0]), 0.0, 1.0))
+    narrow = min(max(_LIMB_WIDTH[0] - width, 0.0) / _LIMB_WIDTH[1], _MOST)
+    wide = min(max(width - _THIN_WIDTH[0], 0.0) / _THIN_WIDTH[1], _MOST)
+    return gap**2 + (1.0 - side) * narrow**2, wide**2 + side * _SIDE_COST
 
 
 class ContactVision:
@@ -103,7 +150,7 @@ class ContactVision:
         return self._R_WC, self._p_WC
 
     def localize(self, depth: Depth, R_WL: Array, p_WL: Array) -> Localization:
-        """Find the person's nearest point on the robot.
+        """Find the person's nearest point on the robot, as what is seen explains it best.
 
         Parameters
         ----------
@@ -112,7 +159,7 @@ class ContactVision:
         R_WL, p_WL : (n, 3, 3) and (n, 3) arrays
             Poses of the links when the image was taken.
         """
-        return self.localize_several(depth, R_WL, p_WL, 1)[0]
+        return min(self.localize_several(depth, R_WL, p_WL, 1), key=lambda explanation: explanation.cost)
 
     def localize_several(
         self, depth: Depth, R_WL: Array, p_WL: Array, count: int, apart: float = 0.12
@@ -120,8 +167,9 @@ class ContactVision:
         """Find up to `count` places where the person is near the robot, nearest first; at least one entry.
 
         Each but the first is the nearest part of the person that lies at least `apart` (m) from the points before, all
-        of them within the gate.
-        All hold the same `seen` and `human_points`.
+        of them within the gate. A place has one explanation or two: something as thick as it is wide, such as a
+        finger, and a limb of which the camera sees the near side. Each has the cost that its shape has; what is felt
+        can tell them apart. All hold the same `seen` and `human_points`.
         """
         p, shapes = self.params, self.shapes
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
@@ -146,7 +194,7 @@ class ContactVision:
         points = points @ R_WC.T + p_WC
         readings = person_kernels.person_readings(depth, self.x, self.y, best, owner, human, region, box, p.reach)
         found: list[Localization] = []
-        for _ in range(count):
+        for place in range(count):
             link, distance, p_C, extent = nearest_kernels.soft_minimum(
                 *readings, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, p.rank, p.softness, p.spread,
                 int(p.rounds),
@@ -157,22 +205,22 @@ class ContactVision:
                 shapes.kind, shapes.size, shapes.link, R_CS, p_CS, link, p_C, extent, p.thickness, p.least_thickness,
                 p.most_thickness,
             )  # fmt: skip
-            limb = self._limb(readings[0], p_C, R_CS, p_CS) if width > p.limb_width else None
-            if limb is None or distance > p.limb_distance:
-                gap = np.inf
-            else:
-                link, p_CT, n_C, gap = limb
-                distance = max(gap, 0.0)
-            R_LC = R_WL[link].T @ R_WC
-            p_LC = R_LC @ p_CT + R_WL[link].T @ (p_WC - p_WL[link])
-            found.append(Localization(link, distance, p_LC, R_LC @ n_C, seen, points, width, abs(gap)))
+            limb = self._limb(readings[0], p_C, width, R_CS, p_CS) if distance < p.limb_distance else None
+            thin_cost = 0.0 if limb is None else limb.thin_cost
+            choices = [(link, distance, p_CT, n_C, np.inf, thin_cost)]
+            if limb is not None:
+                choices.append((limb.link, max(limb.gap, 0.0), limb.p_CT, limb.n_C, abs(limb.gap), limb.cost))
+            for on, d, p_CS_, n_CS_, gap, cost in choices:
+                R_LC = R_WL[on].T @ R_WC
+                p_LC = R_LC @ p_CS_ + R_WL[on].T @ (p_WC - p_WL[on])
+                found.append(Localization(on, d, p_LC, R_LC @ n_CS_, seen, points, width, gap, cost, place))
             if distance > p.gate:
                 break
             readings = nearest_kernels.away_from(*readings, p_C, apart)
         return found or [Localization(-1, np.inf, np.zeros(3), np.zeros(3), seen, points)]
 
-    def _limb(self, readings: Array, p_C: Array, R_CS: Array, p_CS: Array) -> tuple[int, Array, Array, float] | None:
-        """Return link, point, normal (in C) and gap (m) where a limb around p_C touches, if one suits the readings."""
+    def _limb(self, readings: Array, p_C: Array, width: float, R_CS: Array, p_CS: Array) -> _Limb | None:
+        """Return where a limb around p_C touches, if one suits the readings."""
         p, s = self.params, self.shapes
         cloud = limb_kernels.readings_around(readings, p_C, p.limb_reach, _LIMB_READINGS)
         if len(cloud) < p.component:
@@ -181,10 +229,13 @@ class ContactVision:
         link, p_CT, d = limb_kernels.limb_contact(
             s.kind, s.size, s.link, R_CS, p_CS, c, u, radius, first, last, p.limb_softness
         )
-        if abs(d - radius) > p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
+        gap = d - radius
+        if abs(gap) > p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
             return None
+        along = (p_C - c) @ u
+        cost, thin_cost = shape_costs(width / radius, min(along - first, last - along) / radius, gap / p.limb_gap)
         _, _, p_CT, n_C = nearest_surface_point(s.kind, s.size, R_CS, p_CS, s.link == link, p_CT)
-        return link, p_CT, n_C, d - radius
+        return _Limb(link, p_CT, n_C, gap, cost, thin_cost)
 
     def on_surface(self, link: int, p_L: Array) -> tuple[Array, Array]:
         """Return the surface point of a link nearest to p_L and the outward normal there, all in the link's frame."""

@@ -37,10 +37,9 @@ class LocalizerParameters:
     thickness: float = 1.5
     least_thickness: float = 0.0065
     most_thickness: float = 0.019
-    # What deviates across the view by more than this is a limb (m, > 0), fitted to the readings within this distance of
-    # its nearest place (m, > 0). The fit counts if limb and robot touch within this (m, > 0), and is tried if the
-    # nearest reading is no farther than this (m, > 0). Softness of a limb (m, > 0).
-    limb_width: float = 0.009
+    # A limb is fitted to the readings within this distance of their nearest place (m, > 0). The fit counts if limb and
+    # robot touch within this (m, > 0), and is tried if the nearest reading is no farther than this (m, > 0). Softness
+    # of a limb (m, > 0).
     limb_reach: float = 0.12
     limb_gap: float = 0.010
     limb_distance: float = 0.08
@@ -53,21 +52,32 @@ class LocalizerParameters:
     least_seen: float = 0.5
     # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
     timeout: float = 0.08
-    # Time constant of the contact point's smoothing over frames (s, > 0).
+    # Deviation of a frame's contact point (m, > 0); it grows by as much as the person is farther away than `near` (m,
+    # > 0). How far a contact slides over the robot within a second (m, > 0).
+    point_sigma: float = 0.004
+    near: float = 0.015
+    slide: float = 0.005
+    # Time constant with which what speaks for a limb, or for another link, is smoothed over frames (s, > 0).
     time_constant: float = 0.15
-    # Distance from the smoothed point beyond which a point on the same link starts the smoothing anew (m, > 0).
+    # Distance from the smoothed point beyond which a point is another place (m, > 0).
     jump: float = 0.04
-    # Frames in a row that must show another link before it is taken while in contact (≥ 1).
+    # Frames in a row that must show a place beyond that before it is taken while in contact (≥ 1).
     switch_frames: int = 2
+    # Standard deviation of the residual of each joint (Nm, > 0), the norm of the residual from which on it is asked,
+    # and the norm of its unexplained part from which on it vetoes a contact point (deviations, > 0).
+    torque_sigma: float = 0.1
+    felt: float = 10.0
+    veto: float = 3.0
     # Time over which postures are remembered (s, > 0); a frame that is older when it arrives is not used.
     memory: float = 0.3
 
     def __post_init__(self) -> None:
         require_positive(
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate", "limb_width",
+            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate",
             "limb_reach", "limb_gap", "limb_distance", "limb_softness", "points_stride",
-            "timeout", "time_constant", "jump", "switch_frames", "memory",
+            "timeout", "point_sigma", "near", "slide", "time_constant", "jump", "switch_frames", "torque_sigma", "felt", "veto",
+            "memory",
         )  # fmt: skip
         require_non_negative(self, "thickness", "least_thickness", "most_thickness")
         if self.most_thickness < self.least_thickness:

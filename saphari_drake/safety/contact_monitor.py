@@ -21,7 +21,8 @@ _CAMERA_WORKS = (CameraStatus.WAITING, CameraStatus.OK)
 class ContactMonitorParameters:
     """When a contact is new, when a return is over."""
 
-    # m; a contact point that moves farther than this on its link, or changes the link, is a new contact.
+    # m; a contact point that moves farther than this over the robot, from frame to frame, is a new contact. One that
+    # slides over the border of two links is not.
     new_contact_distance: float = 0.05
     # m and rad/s; a return is over when the contact point is this near its latched position and the joints are slow,
     position_tolerance: float = 0.001
@@ -175,8 +176,9 @@ class ContactMonitor(LeafSystem):
         return self._enter(InteractionMode.HOLD, now, terms)
 
     def _answer(self, now: Interaction, terms: DynamicsTerms, seen: ContactPoint) -> Interaction:
-        if now.mode in (InteractionMode.CONTACT, InteractionMode.RETURN) and seen.link == now.contact.link:
-            if np.linalg.norm(seen.p_LC - now.contact.p_LC) < self._params.new_contact_distance:
+        if now.mode in (InteractionMode.CONTACT, InteractionMode.RETURN):
+            moved = _world(terms, seen) - _world(terms, now.contact)
+            if np.linalg.norm(moved) < self._params.new_contact_distance:
                 return replace(now, mode=InteractionMode.CONTACT, contact=seen)
         # A contact that was felt before it was seen began where it was felt.
         q = now.q_latched if now.mode == InteractionMode.YIELD else terms.q
@@ -186,3 +188,7 @@ class ContactMonitor(LeafSystem):
         if now.mode == mode:
             return now
         return Interaction(mode, ContactPoint(), terms.q, now.onset + 1)
+
+
+def _world(terms: DynamicsTerms, contact: ContactPoint) -> Array:
+    return terms.p_WL[contact.link] + terms.R_WL[contact.link] @ contact.p_LC

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import SensorError
+from saphari_drake.port_values import InteractionMode
 from saphari_drake.robots.dynamics import point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.human_hand import Push
 from saphari_drake.simulation.log import Log
+from saphari_drake.simulation.results import Metric
 
 Array = NDArray[np.float64]
 STEADY = 0.3  # s before the release that count as steady
+PRESSED = 1.0  # N; a touch that is to be answered
+UNANSWERED = 0.05  # share of a touch that may pass without an answer
 BAND = 0.02  # a return is over when the deflection stays within this share of the steady one before the release
 
 
@@ -89,18 +94,66 @@ def force_error(log: Log, touch: Touch) -> float:
     return float(np.linalg.norm(log["contact_force"][rows].mean(axis=0) - true) / np.linalg.norm(true))
 
 
-def localization_errors(log: Log) -> Array:
-    """Return the distance between controlled and true contact point at every sample with both (m)."""
-    truth = log["contact_truth"]
-    both = (np.linalg.norm(truth[:, :3], axis=1) > 1.0) & (log["active_link"][:, 0] >= 0) & (log["mode"][:, 0] == 1)
-    return np.asarray(np.linalg.norm(log["contact_position"][both] - truth[both, 3:6], axis=1))
+class Localized(NamedTuple):
+    """How one touch was localized, over its samples with contact force.
+
+    Attributes
+    ----------
+    errors : (k,) array
+        Distance between controlled and true contact point where the controller answered one (m).
+    link_right : float
+        Share of these with the right link; NaN without any.
+    unanswered : float
+        Share of all samples in which no contact point was answered: not detected, not seen, or yielding.
+    """
+
+    errors: Array
+    link_right: float
+    unanswered: float
+
+    @property
+    def median(self) -> float:
+        """Median error (m); infinite if the touch was never answered."""
+        return float(np.median(self.errors)) if len(self.errors) else np.inf
+
+    @property
+    def p95(self) -> float:
+        """Error that 95 % of the samples stay below (m); infinite if the touch was never answered."""
+        return float(np.percentile(self.errors, 95)) if len(self.errors) else np.inf
 
 
-def link_correct(log: Log) -> float:
-    """Return the share of those samples in which the link is right."""
-    truth, active = log["contact_truth"], log["active_link"][:, 0]
-    both = (np.linalg.norm(truth[:, :3], axis=1) > 1.0) & (active >= 0) & (log["mode"][:, 0] == 1)
-    return float(np.mean(active[both] == truth[both, 6])) if np.any(both) else float("nan")
+def localized(log: Log, touch: Touch) -> Localized:
+    """Judge the localization of one touch."""
+    rows = np.arange(touch.onset, touch.release + 1)
+    truth = log["contact_truth"][rows]
+    pressed = np.linalg.norm(truth[:, :3], axis=1) > PRESSED
+    rows, truth = rows[pressed], truth[pressed]
+    active = log["active_link"][rows, 0]
+    answered = (active >= 0) & (log["mode"][rows, 0] == InteractionMode.CONTACT)
+    errors = np.linalg.norm(log["contact_position"][rows[answered]] - truth[answered, 3:6], axis=1)
+    right = float(np.mean(active[answered] == truth[answered, 6])) if np.any(answered) else np.nan
+    return Localized(errors, right, float(np.mean(~answered)))
+
+
+def localization_metrics(
+    log: Log, touches: Sequence[Touch], median: float = np.inf, p95: float = np.inf
+) -> list[Metric]:
+    """Return how well the touches were localized: the worst of them, not all pooled, and those that were not answered.
+
+    Parameters
+    ----------
+    median, p95 : float
+        Bounds of each touch's median and 95 % error (m).
+    """
+    found = [localized(log, touch) for touch in touches]
+    return [
+        Metric(
+            "localization_error_m", max(f.median for f in found), "m", high=median, reported="approximate localisation"
+        ),
+        Metric("localization_error_p95_m", max(f.p95 for f in found), "m", high=p95),
+        Metric("link_correct", min(f.link_right for f in found), "1"),
+        Metric("unanswered_share", max(f.unanswered for f in found), "1", high=UNANSWERED),
+    ]
 
 
 def detection_delay(log: Log, touch: Touch) -> float:

@@ -127,6 +127,7 @@ def add_contact_pipeline(
         (p.dynamics, "dynamics", p.controller, "dynamics"),
         (p.observer, "residual", p.detector, "residual"),
         (p.observer, "residual", p.force, "residual"),
+        (p.observer, "residual", p.localizer, "residual"),
         (p.force, "misfit", p.controller, "misfit"),
         (p.detector, "contact", p.monitor, "contact"),
         (p.localizer, "contact_point", p.monitor, "contact_point"),

@@ -1,0 +1,76 @@
+"""What the residual says about a contact point that a camera sees: a better point, or that it cannot be the one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.math.friction_cone import tangents
+from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+_RCOND = 1e-3  # share of the largest singular value below which the residual says nothing about force and point
+
+
+class Instant(NamedTuple):
+    """The robot when a frame was taken."""
+
+    stamp: float  # s
+    S: Array  # (n, 6) joint axes
+    R_WL: Array  # (n, 3, 3)
+    p_WL: Array  # (n, 3) m
+    r: Array | None  # (n,) residual, Nm
+
+
+def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
+    """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
+    t = robot.tree
+    R_WL, p_WL, S, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
+    return Instant(stamp, S, R_WL, p_WL, r)
+
+
+def corrected_point(
+    robot: RobotModel, at: Instant, link: int, p_L: Array, n_L: Array, torque_sigma: float, point_sigma: float
+) -> tuple[Array, float]:
+    """Return the most likely contact point near a seen one, given the residual, and the deviations it leaves.
+
+    Over force F and shift δ in the tangent plane it minimizes ‖r − J(p + δ)ᵀF‖² / σ_r² + ‖δ‖² / σ_p². A shift changes
+    torque j by F · (ω_j × δ) = δ · (F × ω_j), so that with the force of the first round the second one is linear in
+    both. Directions in which the residual says nothing keep what is seen.
+
+    Parameters
+    ----------
+    link, p_L, n_L : int, (3,) and (3,) arrays
+        Seen point (m) and outward normal, in the link's frame.
+    torque_sigma, point_sigma : float
+        Deviation of the residual of each joint (Nm) and of the seen point (m).
+
+    Returns
+    -------
+    p_L : (3,) array
+        Moved in the tangent plane (m).
+    left : float
+        Square root of the minimum: how many deviations residual and seen point are apart.
+    """
+    n, zero = robot.n, np.zeros((robot.n, 6))
+    J = point_kinematics(robot.tree.parent, at.S, zero, zero, at.R_WL, at.p_WL, link, p_L)[2]
+    T = np.empty((2, 3))
+    tangents(at.R_WL[link] @ n_L, T[0], T[1])
+    moves = np.zeros(n, dtype=bool)
+    joint = link
+    while joint >= 0:
+        moves[joint] = True
+        joint = robot.tree.parent[joint]
+    A, b = np.zeros((n + 2, 5)), np.zeros(n + 2)
+    A[:n, :3], b[:n] = J.T / torque_sigma, at.r / torque_sigma
+    A[n:, 3:] = np.eye(2) / point_sigma
+    F = np.linalg.lstsq(A[:n, :3], b[:n], rcond=_RCOND)[0]
+    for _ in range(2):
+        A[:n, 3:] = moves[:, None] * np.cross(F, at.S[:, :3]) @ T.T / torque_sigma
+        x = np.linalg.lstsq(A, b, rcond=_RCOND)[0]
+        F = x[:3]
+    return p_L + at.R_WL[link].T @ (x[3:] @ T), float(np.linalg.norm(b - A @ x))
