@@ -1,15 +1,22 @@
 """A person touches the arm: felt, found and answered by an impedance at the contact (Section 7, Fig. 12 and 13)."""
 
 import sys
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from experiments.contact import random_run
+from experiments.contact.random_touches import RandomTouch, RandomTouchParameters, draw_touch
 from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from saphari_drake.parameters import require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation import contact_analysis as judge
+from saphari_drake.simulation.cell import contact_truth
+from saphari_drake.simulation.command_line import say
 from saphari_drake.simulation.contact_cell import ContactCell, add_contact_cell
 from saphari_drake.simulation.contact_run import (
     ContactScenario,
@@ -32,6 +39,7 @@ CASES = {
     "natural": "natural contact inertia, eq. (57); pushes on links 4, 5 and 6",
     "modified": "contact inertia diag(20, 3, 10) kg; pushes on link 6 along X, Y and Z, hand released",
     "recorded": "natural inertia; link 6 is pushed with the recorded force of a real person",
+    "random": "natural inertia; random postures, links, points, directions, forces and fingers, seen and hidden",
 }
 SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
 
@@ -42,6 +50,13 @@ class ContactImpedanceScenario(ContactScenario):
 
     case: str = "natural"
     recording: RecordedPushParameters = field(default_factory=RecordedPushParameters)
+    # Number of random touches (≥ 1), and the one to run alone (−1: all); touch k of a seed is the same everywhere.
+    trials: int = 20
+    trial: int = -1
+    touches: RandomTouchParameters = field(default_factory=RandomTouchParameters)
+
+    def __post_init__(self) -> None:
+        require_positive(self, "trials")
 
 
 def scenario_for(case: str) -> ContactImpedanceScenario:
@@ -84,6 +99,7 @@ class Setup:
     diagram: Diagram
     parts: ContactCell
     recorder: Recorder
+    fine: Recorder
     recorded: RecordedPush | None
     duration: float
 
@@ -105,13 +121,17 @@ def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) ->
     profile = recorded.profile if recorded else None
     parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
     recorder = record(builder, parts, scenario.system.pipeline.joint_sensor.period)
+    fine = Recorder(builder, 0.001)
+    fine.add("velocity_1ms", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
-    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder, recorded, duration)
+    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder, fine, recorded, duration)
 
 
 def build_diagram(scenario: ContactImpedanceScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+    """Return the diagram of a scenario; of random touches that of the first one."""
+    if scenario.case == "random":
+        scenario = trial_of(scenario, drawn_touch(scenario, max(scenario.trial, 0)), max(scenario.trial, 0))
     return build(scenario).diagram
 
 
@@ -122,8 +142,74 @@ def record(builder: DiagramBuilder, parts: ContactCell, period: float) -> Record
     return recorder
 
 
+def drawn_touch(scenario: ContactImpedanceScenario, trial: int) -> RandomTouch:
+    """Return the random touch of a trial."""
+    robot = load_robot(scenario.robot, scenario.home)
+    return draw_touch(robot, scenario.system.cell.hand, scenario.touches, [scenario.seed, trial])
+
+
+def trial_of(scenario: ContactImpedanceScenario, drawn: RandomTouch, trial: int) -> ContactImpedanceScenario:
+    """Return the scenario of one random touch."""
+    single = deepcopy(scenario)
+    single.home = np.rad2deg(drawn.q).tolist()
+    single.pushes, single.aim_spread = [drawn.push], 0.0
+    single.duration = drawn.push.start + drawn.push.hold + scenario.touches.watched + 0.2
+    single.system.cell.hand.finger_radius = drawn.finger_radius
+    single.seed = scenario.seed + 1000 * trial  # of the camera's noise
+    return single
+
+
+def run_trial(
+    scenario: ContactImpedanceScenario, trial: int, options: RunOptions
+) -> tuple[random_run.JudgedTouch, Setup, Log]:
+    """Run and judge one random touch."""
+    drawn = drawn_touch(scenario, trial)
+    setup = build(trial_of(scenario, drawn, trial), options.meshcat)
+    simulator = Simulator(setup.diagram)
+    simulator.set_target_realtime_rate(options.realtime_rate)
+    push = drawn.push
+    simulator.AdvanceTo(push.start + push.hold - 0.1)
+    truth = contact_truth(
+        setup.parts.cell.plant.get_contact_results_output_port().Eval(
+            setup.parts.cell.plant.GetMyContextFromRoot(simulator.get_context())
+        ),
+        setup.parts.cell,
+    )
+    seen = random_run.is_seen(setup.parts, simulator, setup.robot, truth[3:6])
+    simulator.AdvanceTo(setup.duration)
+    log = setup.recorder.log(setup.diagram, simulator.get_context())
+    fine = setup.fine.log(setup.diagram, simulator.get_context())
+    K_p = np.broadcast_to(scenario.system.pipeline.controller.K_p, 3)
+    watched = scenario.touches.watched
+    return random_run.judged_touch(setup.robot, trial, drawn, log, fine, seen, K_p, watched), setup, log
+
+
+def run_random(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
+    """Run random touches and judge each; the replay shows the worst of them."""
+    trials = [scenario.trial] if scenario.trial >= 0 else list(range(scenario.trials))
+    touches, worst = [], None
+    for k, trial in enumerate(trials):
+        touch, setup, log = run_trial(scenario, trial, options)
+        touches.append(touch)
+        if worst is None or (touch.meets_all, -touch.wander) < (worst[0].meets_all, -worst[0].wander):
+            worst = touch, setup, log
+        random_run.show_progress(k + 1, len(trials), sum(t.meets_all for t in touches))
+    failed = random_run.failures(worst[1].robot, touches, scenario.seed)
+    if failed:
+        say(failed)
+    log = random_run.touch_log(touches)
+    return Outcome(
+        random_run.random_metrics(touches),
+        log,
+        lambda: random_run.figure(worst[1].robot, log, f"Contact impedance, {CASES['random']}"),
+        lambda path: replay(worst[1], worst[2], path),
+    )
+
+
 def run(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
+    if scenario.case == "random":
+        return run_random(scenario, options)
     setup = build(scenario, options.meshcat)
     simulator, depth, wall = simulate(setup.diagram, setup.parts, setup.pushes, setup.duration, scenario.case, options)
     log = setup.recorder.log(setup.diagram, simulator.get_context())

@@ -36,6 +36,8 @@ class ContactTrack(Immutable):
         Share of frames that show the contact on another link than its own, smoothed over frames (0–1).
     elsewhere : int
         Frames in a row that show it somewhere else.
+    felt : bool
+        Whether the residual showed a touch at the last frame.
     """
 
     contact: ContactPoint = field(default_factory=ContactPoint)
@@ -43,6 +45,7 @@ class ContactTrack(Immutable):
     balance: float = 0.0
     other_link: float = 0.0
     elsewhere: int = 0
+    felt: bool = False
 
 
 class ContactTracker:
@@ -53,10 +56,10 @@ class ContactTracker:
     touched, each is corrected by the residual (`corrected_point`), and one that residual and image together do not
     allow costs more: the residual may veto.
 
-    The point is that of a scalar Kalman filter of a contact that slides slowly. A person who only comes near tells
-    little about where the contact will be. A point near the border of two links is seen now on the one, now on the
-    other: it is one place, filtered as such, and stays on its link until most frames show the other one. A place
-    farther away than `jump` is taken when `switch_frames` frames in a row show it.
+    The point is that of a scalar Kalman filter of a contact that slides slowly. All starts anew when the touch is felt:
+    a person who only comes near tells little about the contact. A point near the border of two links is seen now on the
+    one, now on the other: it is one place, filtered as such, and stays on its link until most frames show the other
+    one. A place farther away than `jump` is taken when `switch_frames` frames in a row show it.
 
     Parameters
     ----------
@@ -77,28 +80,28 @@ class ContactTracker:
     def after(self, track: ContactTrack, seen: Sequence[Localization], at: Instant) -> ContactTrack:
         """Return the track after a frame that shows the explanations `seen` of the person's nearest place."""
         params, last = self._params, track.contact
-        weight = -np.expm1(-(at.stamp - last.stamp) / params.time_constant) if last.found else 1.0
+        if all(place.distance >= params.gate for place in seen):
+            return ContactTrack(ContactPoint(stamp=at.stamp))
+        begins = not last.found or (self._felt(at) and not track.felt)
+        weight = 1.0 if begins else -np.expm1(-(at.stamp - last.stamp) / params.time_constant)
         seen = [self._with_residual(place, at) for place in seen]
         difference = seen[1].cost - seen[0].cost if len(seen) > 1 else _NO_CHOICE
-        difference = min(max(difference, -_NO_CHOICE), _NO_CHOICE)
-        balance = track.balance + weight * (difference - track.balance)
+        balance = track.balance + weight * (min(max(difference, -_NO_CHOICE), _NO_CHOICE) - track.balance)
         chosen = next((place for place in seen if place.limb == (balance < 0.0)), None)
-        if min(seen, key=lambda place: place.distance).distance >= params.gate or seen[0].link < 0:
-            return ContactTrack(ContactPoint(stamp=at.stamp))
-        if chosen is None:  # what touches is not seen well enough in this frame
-            chosen = seen[0]
-            if last.found:
-                return replace(track, contact=replace(last, stamp=at.stamp), balance=balance)
-        if chosen.distance >= params.gate:
-            return ContactTrack(ContactPoint(stamp=at.stamp), balance=balance)
-        if not last.found:
+        if chosen is None:  # the limb that touches is not seen well enough in this frame
+            return replace(track, contact=replace(last, stamp=at.stamp), balance=balance)
+        if begins:
             return self._new(chosen, at, balance)
         return self._moved(replace(track, balance=balance), chosen, at, weight)
+
+    def _felt(self, at: Instant) -> bool:
+        """Whether the residual is more than noise."""
+        return at.r is not None and bool(np.linalg.norm(at.r) > self._params.felt * self._params.torque_sigma)
 
     def _with_residual(self, place: Localization, at: Instant) -> Localization:
         """Return a place as residual and image together explain it."""
         params = self._params
-        if place.link < 0 or at.r is None or not np.linalg.norm(at.r) > params.felt * params.torque_sigma:
+        if place.link < 0 or not self._felt(at):
             return place
         sigma = np.sqrt(self._variance(place))
         p_L, left = corrected_point(self._robot, at, place.link, place.p_LC, place.n_L, params.torque_sigma, sigma)
@@ -121,10 +124,12 @@ class ContactTracker:
         p_W = p_W_last + gain * (p_W - p_W_last)
         p_LC, n_L = self._on_surface(link, at.R_WL[link].T @ (p_W - at.p_WL[link]))
         contact = _contact(place._replace(link=link), p_LC, n_L, at)
-        return ContactTrack(contact, (1.0 - gain) * known, track.balance, share if link == last.link else 0.0)
+        share = share if link == last.link else 0.0
+        return ContactTrack(contact, (1.0 - gain) * known, track.balance, share, felt=self._felt(at))
 
     def _new(self, place: Localization, at: Instant, balance: float) -> ContactTrack:
-        return ContactTrack(_contact(place, place.p_LC, place.n_L, at), self._variance(place), balance)
+        contact = _contact(place, place.p_LC, place.n_L, at)
+        return ContactTrack(contact, self._variance(place), balance, felt=self._felt(at))
 
     def _variance(self, place: Localization) -> float:
         """Return the variance (m²) of the contact point that a frame shows."""

@@ -76,8 +76,8 @@ class LocalizerParameters:
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
             "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate",
             "limb_reach", "limb_gap", "limb_distance", "limb_softness", "points_stride",
-            "timeout", "point_sigma", "near", "slide", "time_constant", "jump", "switch_frames", "torque_sigma", "felt", "veto",
-            "memory",
+            "timeout", "point_sigma", "near", "slide", "time_constant", "jump", "switch_frames", "torque_sigma",
+            "felt", "veto", "memory",
         )  # fmt: skip
         require_non_negative(self, "thickness", "least_thickness", "most_thickness")
         if self.most_thickness < self.least_thickness:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from saphari_drake.perception.contact_localizer import background_depth
 from saphari_drake.perception.depth_noise import DepthCameraSampler, SamplerParameters, add_kinect_noise
@@ -40,6 +40,8 @@ class ContactCell:
 
     cell: Cell
     hand: HumanHand
+    camera: LeafSystem
+    camera_parameters: CameraParameters
     sampler: DepthCameraSampler
     pipeline: ContactPipeline
 
@@ -109,4 +111,4 @@ def add_contact_cell(
     builder.Connect(sampler.GetOutputPort("depth_image"), pipeline.depth_input)
     builder.Connect(sampler.GetOutputPort("image_time"), pipeline.image_time_input)
     builder.Connect(pipeline.torque_output, cell.torque_input)
-    return ContactCell(cell, hand, sampler, pipeline)
+    return ContactCell(cell, hand, camera, params.camera, sampler, pipeline)

@@ -15,10 +15,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.geometry import CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.perception.depth_noise import add_kinect_noise
-from saphari_drake.perception.rgbd_camera import CameraParameters, add_depth_camera, camera_pose, ray_tables
+from saphari_drake.perception.rgbd_camera import CameraParameters, add_depth_camera
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.scene_parameters import KINDS, SceneParameters, room_depth
+from saphari_drake.simulation.visibility import pixels_near
 
 __all__ = ["KINDS", "ContactScenes", "SceneParameters", "Touch", "room_depth"]
 
@@ -239,29 +240,10 @@ class ContactScenes:
 
     def visible(self, image: Depth, camera: int, touch: Touch, q: Array) -> bool:
         """Whether the camera sees enough of the person beside the contact, in an exact image."""
-        terms, params = self.poses(q), self.cameras[camera]
-        X_WC = camera_pose(params)
-        x, y = ray_tables(params)
-        p_C = X_WC.inverse() @ (terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L)
-        if p_C[2] < params.near:
-            return False
-        reach = self.params.visible_radius / p_C[2] * 1.3
-        cols = np.flatnonzero(np.abs(x - p_C[0] / p_C[2]) < reach)
-        rows = np.flatnonzero(np.abs(y - p_C[1] / p_C[2]) < reach)
-        if len(cols) == 0 or len(rows) == 0:
-            return False
-        z = image[np.ix_(rows, cols)]
-        z = np.where(np.isfinite(z), z, 0.0)
-        points = np.stack([x[cols] * z, y[rows][:, None] * z, z], axis=-1).reshape(-1, 3).astype(float)
-        points = points[np.linalg.norm(points - p_C, axis=1) < self.params.visible_radius]
-        points = points @ X_WC.rotation().matrix().T + X_WC.translation()
-        shapes, everything = self.robot.shapes, np.ones(self.robot.shapes.count, dtype=bool)
-        R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
-        beyond = [
-            nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, point)[1] > 0.001
-            for point in points
-        ]
-        return int(np.sum(beyond)) >= self.params.visible_pixels
+        terms, p = self.poses(q), self.params
+        p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
+        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, p_W, p.visible_radius)
+        return pixels >= p.visible_pixels
 
     def forces(self, rng: np.random.Generator, touch: Touch, frames: int) -> Array:
         """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
