@@ -62,7 +62,11 @@ class ContactImpedanceScenario(ContactScenario):
 def scenario_for(case: str) -> ContactImpedanceScenario:
     """Return the scenario of a case."""
     scenario = ContactImpedanceScenario(case=case)
-    pipeline = scenario.system.pipeline
+    pipeline, hand = scenario.system.pipeline, scenario.system.cell.hand
+    # One set for all cases. The modified inertia needs the fast observer, whose lag at the release acts as an impulse;
+    # the recorded force the firm arm: a ball turns away under a soft one when the force leaves its centre.
+    pipeline.observer.gain = 150.0
+    hand.stiffness, hand.damping = 1500.0, 40.0
     # Along X the camera looks from behind the hand: the finger comes from the side, so that it is seen.
     sideways = [0.3, -0.7, -0.65]
     if case == "natural":
@@ -73,18 +77,13 @@ def scenario_for(case: str) -> ContactImpedanceScenario:
         ]
     elif case == "modified":
         pipeline.controller.M_d = [20.0, 3.0, 10.0]
-        # The estimate shapes the inertia here: its lag at the release acts as an impulse. A faster observer lags less.
-        pipeline.observer.gain = 150.0
         scenario.pushes = [
             Push("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], sideways, 30.0, 1.0, 3.5),
             Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 7.0, 3.0),
             Push("link_6", [0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [], 30.0, 12.5, 3.0),
         ]
     elif case == "recorded":
-        pipeline.observer.gain = 100.0
         scenario.duration = 60.0
-        # A firmer arm than for a plain push: the ball turns away under a soft one when the force leaves its centre.
-        scenario.system.cell.hand.stiffness, scenario.system.cell.hand.damping = 1500.0, 40.0
         scenario.pushes = [Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 0.3, 60.0)]
     return scenario
 

@@ -1,9 +1,12 @@
 """The judge is itself judged on logs whose answers are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from saphari_drake.errors import SensorError
+from saphari_drake.port_values import InteractionMode
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import point_position
 from saphari_drake.simulation import contact_analysis as judge
@@ -54,9 +57,35 @@ def test_errors_are_those_put_in(robot):
     log = made_up_log(robot)
     (touch,) = judge.find_touches(log, robot, [PUSH])
     assert judge.force_error(log, touch) == pytest.approx(np.hypot(1.0, 0.5) / 30.0)
-    np.testing.assert_allclose(judge.localization_errors(log), 0.005)
+    found = judge.localized(log, touch)
+    np.testing.assert_allclose(found.errors, 0.005)
     assert judge.detection_delay(log, touch) == pytest.approx(0.01)
-    assert judge.link_correct(log) == 1.0
+    assert found.link_right == 1.0
+    assert found.unanswered == pytest.approx(4 / 161)
+
+
+def test_one_bad_touch_of_two_is_not_pooled_away(robot):
+    """The worst touch counts, and the time in which a touch is not answered."""
+    log = made_up_log(robot)
+    second = judge.find_touches(log, robot, [PUSH])[0]
+    first = replace(second, release=second.onset + 20)
+    second = replace(second, onset=second.onset + 21)
+    log["contact_position"][second.onset : second.release + 1] += [0.1, 0.0, 0.0]
+    log["mode"][second.release - 13 : second.release + 1] = InteractionMode.YIELD
+    values = {m.name: m for m in judge.localization_metrics(log, [first, second], 0.010, 0.015)}
+    assert not values["localization_error_m"].met and values["localization_error_m"].value > 0.09
+    assert not values["localization_error_p95_m"].met
+    assert values["unanswered_share"].value == pytest.approx(4 / 21)
+    alone = {m.name: m for m in judge.localization_metrics(log, [second], 0.010, 0.015)}
+    assert alone["unanswered_share"].value == pytest.approx(14 / 140)
+
+
+def test_touch_that_is_never_answered_counts_as_infinitely_wrong(robot):
+    log = made_up_log(robot)
+    (touch,) = judge.find_touches(log, robot, [PUSH])
+    log["mode"][:] = InteractionMode.YIELD
+    metrics = judge.localization_metrics(log, [touch], 0.010, 0.015)
+    assert [m.met for m in metrics] == [False] * 4
 
 
 def test_return_time_and_rest(robot):

@@ -60,8 +60,9 @@ def test_a_push_is_felt_found_and_answered_with_open3d_s_camera():
     log = run.to(2.3)
     (touch,) = judge.find_touches(log, run.robot, [push])
     assert judge.detection_delay(log, touch) <= 0.05
-    assert judge.link_correct(log) > 0.95
-    assert np.median(judge.localization_errors(log)) < 0.010
+    found = judge.localized(log, touch)
+    assert found.link_right > 0.95 and found.unanswered < 0.05
+    assert found.median < 0.010
     assert judge.force_error(log, touch) < 0.10
     assert judge.deflection_error(log, run.robot, touch, np.full(3, 500.0)) < 0.10
 

@@ -440,13 +440,13 @@ def test_point_is_smoothed_while_the_contact_lasts_and_starts_anew_after(bench_s
         return np.array(points)
 
     frames = [noisy(image, seed) for seed in range(15)]
-    smooth, rough = track(frames), track(frames, time_constant=1e-6)
+    smooth, rough = track(frames), track(frames, slide=10.0)
     np.testing.assert_allclose(smooth[0], rough[0], atol=1e-9)
     assert np.linalg.norm(np.diff(smooth, axis=0), axis=1).mean() < 0.5 * (
         np.linalg.norm(np.diff(rough, axis=0), axis=1).mean()
     )
     lost = [*frames[:5], noisy(scene.image(touch.q), 90), *frames[5:7]]
-    smooth, rough = track(lost), track(lost, time_constant=1e-6)
+    smooth, rough = track(lost), track(lost, slide=10.0)
     assert np.all(np.isnan(smooth[5]))
     np.testing.assert_allclose(smooth[6], rough[6], atol=1e-9)
 

@@ -119,11 +119,26 @@ def test_sliding_contact_keeps_its_onset(touched, lwr4):
 
 
 @pytest.mark.parametrize("point", [seen(link=5), seen(offset=0.06)])
-def test_other_link_or_far_point_is_a_new_contact(touched, lwr4, point):
+@pytest.mark.parametrize(("cycles", "bent"), [(30, 0.1), (5, 0.0)])
+def test_far_point_is_a_new_contact_unless_the_touch_has_just_begun(touched, lwr4, point, cycles, bent):
+    """Just after the first touch the late camera corrects itself: the contact began where it was felt."""
+    touched.after(cycles)
     assert touched.after(bent=0.1, point=point) == CONTACT
     assert touched.interaction.onset == 2
-    np.testing.assert_array_equal(touched.interaction.q_latched, lwr4.home + 0.1)
+    np.testing.assert_array_equal(touched.interaction.q_latched, lwr4.home + bent)
     np.testing.assert_array_equal(touched.interaction.contact.p_LC, point.p_LC)
+
+
+def test_contact_that_slides_over_the_border_of_two_links_keeps_its_onset(touched, lwr4):
+    """The same place of the world on the next link is the same contact, whenever it comes."""
+    touched.after(30)
+    terms = touched.terms(0.1)
+    here = seen()
+    p_W = terms.p_WL[here.link] + terms.R_WL[here.link] @ here.p_LC + [0.01, 0.0, 0.0]
+    there = ContactPoint(found=True, link=5, p_LC=terms.R_WL[5].T @ (p_W - terms.p_WL[5]))
+    assert touched.after(bent=0.1, point=there) == CONTACT
+    assert touched.interaction.onset == 1 and touched.interaction.contact.link == 5
+    np.testing.assert_array_equal(touched.interaction.q_latched, lwr4.home)
 
 
 def test_contact_that_is_no_longer_seen_goes_on_where_it_was(touched):

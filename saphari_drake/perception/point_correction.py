@@ -14,6 +14,7 @@ from saphari_drake.robots.model import RobotModel
 Array = NDArray[np.float64]
 
 _RCOND = 1e-3  # share of the largest singular value below which the residual says nothing about force and point
+_FARTHEST = 3.0  # deviations of the seen point
 
 
 class Instant(NamedTuple):
@@ -40,7 +41,8 @@ def corrected_point(
 
     Over force F and shift δ in the tangent plane it minimizes ‖r − J(p + δ)ᵀF‖² / σ_r² + ‖δ‖² / σ_p². A shift changes
     torque j by F · (ω_j × δ) = δ · (F × ω_j), so that with the force of the first round the second one is linear in
-    both. Directions in which the residual says nothing keep what is seen.
+    both. Directions in which the residual says nothing keep what is seen, and no shift is larger than three σ_p: where
+    force and shift are hard to tell apart, the linear steps could run along the robot.
 
     Parameters
     ----------
@@ -72,5 +74,8 @@ def corrected_point(
     for _ in range(2):
         A[:n, 3:] = moves[:, None] * np.cross(F, at.S[:, :3]) @ T.T / torque_sigma
         x = np.linalg.lstsq(A, b, rcond=_RCOND)[0]
-        F = x[:3]
-    return p_L + at.R_WL[link].T @ (x[3:] @ T), float(np.linalg.norm(b - A @ x))
+        F, shift = x[:3], x[3:]
+        shift *= min(1.0, _FARTHEST * point_sigma / max(float(np.linalg.norm(shift)), 1e-12))
+    left = b - A[:, 3:] @ shift
+    left -= A[:, :3] @ np.linalg.lstsq(A[:, :3], left, rcond=_RCOND)[0]
+    return p_L + at.R_WL[link].T @ (shift @ T), float(np.linalg.norm(left))

@@ -24,6 +24,8 @@ class ContactMonitorParameters:
     # m; a contact point that moves farther than this over the robot, from frame to frame, is a new contact. One that
     # slides over the border of two links is not.
     new_contact_distance: float = 0.05
+    # s; unless the touch has just begun: then the camera, which is late, has found where it is.
+    correction_time: float = 0.1
     # m and rad/s; a return is over when the contact point is this near its latched position and the joints are slow,
     position_tolerance: float = 0.001
     velocity_tolerance: float = 0.02
@@ -40,6 +42,7 @@ class ContactMonitorParameters:
         require_positive(
             self,
             "new_contact_distance",
+            "correction_time",
             "position_tolerance",
             "velocity_tolerance",
             "settle_time",
@@ -164,7 +167,7 @@ class ContactMonitor(LeafSystem):
         if not camera_works or (now.mode == InteractionMode.STOP and memory.camera_works < params.camera_recovery_time):
             return self._enter(InteractionMode.STOP, now, terms)
         if touched and seen.found:
-            return self._answer(now, terms, seen)
+            return self._answer(memory, terms, seen)
         if touched:  # felt, not seen: keep answering where the contact was, or yield
             known = now.mode == InteractionMode.CONTACT
             return now if known else self._enter(InteractionMode.YIELD, now, terms)
@@ -175,14 +178,16 @@ class ContactMonitor(LeafSystem):
             return now
         return self._enter(InteractionMode.HOLD, now, terms)
 
-    def _answer(self, now: Interaction, terms: DynamicsTerms, seen: ContactPoint) -> Interaction:
+    def _answer(self, memory: _Memory, terms: DynamicsTerms, seen: ContactPoint) -> Interaction:
+        now, params = memory.interaction, self._params
         if now.mode in (InteractionMode.CONTACT, InteractionMode.RETURN):
             moved = _world(terms, seen) - _world(terms, now.contact)
-            if np.linalg.norm(moved) < self._params.new_contact_distance:
+            if np.linalg.norm(moved) < params.new_contact_distance:
                 return replace(now, mode=InteractionMode.CONTACT, contact=seen)
-        # A contact that was felt before it was seen began where it was felt.
-        q = now.q_latched if now.mode == InteractionMode.YIELD else terms.q
-        return Interaction(InteractionMode.CONTACT, seen, q, now.onset + 1)
+        # A contact that was felt before it was seen, or was first seen elsewhere, began where it was felt.
+        corrected = now.mode == InteractionMode.CONTACT and memory.in_mode <= params.correction_time
+        began = now.mode == InteractionMode.YIELD or corrected
+        return Interaction(InteractionMode.CONTACT, seen, now.q_latched if began else terms.q, now.onset + 1)
 
     def _enter(self, mode: InteractionMode, now: Interaction, terms: DynamicsTerms) -> Interaction:
         if now.mode == mode:

@@ -74,7 +74,7 @@ def _forces(robot: RobotModel, column: dict, both: bool) -> list[Metric]:
     result = [
         Metric("both_found", float(found.mean()), "1"),
         Metric("median_of_found_m", float(np.median(column["error"][found])), "m"),
-        Metric("force_error_relative_median", float(np.median(error[found])), "1", high=0.20),
+        Metric("force_error_relative_median", float(np.median(error[found])), "1", high=0.20, decides=False),
     ]
     for link in range(1, robot.n):
         for other in range(1, link):
