@@ -81,8 +81,9 @@ def test_a_missed_bound_fails_on_any_seed_and_is_named():
 
 @pytest.mark.parametrize("status", [2, -11, 130])
 def test_a_run_that_breaks_fails_with_its_complaint(status):
-    broken = Run(Job("toy", "a"), status, 1.0, {}, "toy: error: no such arm")
-    assert failures(broken, recorded()) == [f"toy/a: exit status {status}: toy: error: no such arm"]
+    line = f"toy/a: exit status {status}: toy: error: no such arm"
+    for document in ({}, made(GOOD).document):
+        assert failures(Run(Job("toy", "a"), status, 1.0, document, "toy: error: no such arm"), recorded()) == [line]
 
 
 def test_exit_status_1_fails_even_where_no_bound_is_missed():

@@ -93,13 +93,16 @@ def test_a_missed_bound_is_recorded_and_listed_as_falling_short(places):
     assert row == "| `toy` a | `error_m` | 0.505 m | ≤ 0.5 m | 1 of 4 | yes |"
 
 
-def test_a_run_that_breaks_leaves_its_case_as_it_was(places, capsys):
+@pytest.mark.parametrize("whole", [None, 0, 4])
+def test_a_run_that_breaks_leaves_its_case_as_it_was(places, capsys, whole):
+    """Even if its other seed came to an end, before or after."""
     assert main(["--seeds", "0"], places) == 0
-    settings(places, error=0.2, broken="a")
+    settings(places, error=0.2, broken="a", **{"except": whole})
     assert main(["--seeds", "0"], places) == 1
     values = {case: summary["metrics"]["error_m"]["value"] for case, summary in recorded(places)["toy"].items()}
     assert values == {"a": 0.14, "b": 0.24}
-    assert "toy/a seed 0: exit status 1, not recorded: toy: error: no such arm" in capsys.readouterr().out
+    other = 4 if whole == 0 else 0
+    assert f"toy/a seed {other}: exit status 1, not recorded: toy: error: no such arm" in capsys.readouterr().out
 
 
 @pytest.fixture
@@ -167,6 +170,20 @@ def test_the_gate_fails_on_what_no_script_has(places, gate):
     status, lines = gate()
     assert status == 1 and "toy/c: recorded, but no script has it; run report.py" in lines
     assert gate("--only", "toy/a")[0] == 0
+
+
+def test_a_gate_that_is_stopped_tells_what_failed_so_far(places, gate, monkeypatch):
+    def stopped(jobs, *_):
+        yield Run(jobs[0], 2, 1.0, {}, "toy: error: no such arm")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gate_run, "run_all", stopped)
+    status, lines = gate()
+    assert status == 130
+    assert lines[-2:] == [
+        "gate: stopped after 0 s; failures so far: 1",
+        "toy/a: exit status 2: toy: error: no such arm",
+    ]
 
 
 def test_benchmarks_are_recorded(places):

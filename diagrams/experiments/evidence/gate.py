@@ -29,7 +29,7 @@ def failures(run: Run, results: Results) -> list[str]:
     """Return what is wrong with a run, a line each: its exit status, its bounds, and figures off the recorded ones."""
     name = f"{run.job.script}/{run.job.case}"
     which = name if run.job.seed is None else run.job.name
-    if run.status not in (0, 1) or not run.document:
+    if not run.complete:
         return [f"{which}: exit status {run.status}: {run.complaint or 'no message and no metrics'}"]
     lines = [f"{which}: {line}" for line in missed_bounds(run.document)] if run.status else []
     if run.status and not lines:

@@ -32,8 +32,17 @@ def check(
     every = select(scripts, [])
     gone = [pair for pair in seconds_of(results) if pair not in every] if not only else []
     lines = [f"{script}/{case}: recorded, but no script has it; run report.py" for script, case in gone]
-    for run in run_all(jobs, {name: script.path for name, script in scripts.items()}, out, workers, keep):
-        say(progress.line(run))
-        lines += failures(run, results)
+    paths = {name: script.path for name, script in scripts.items()}
+    try:
+        for run in run_all(jobs, paths, out, workers, keep):
+            say(progress.line(run))
+            lines += failures(run, results)
+    except KeyboardInterrupt:
+        say(
+            "\n".join(
+                [f"gate: stopped after {minutes(progress.elapsed)}; failures so far: {len(lines)}", *sorted(lines)]
+            )
+        )
+        raise
     say(f"gate: {len(jobs)} runs in {minutes(progress.elapsed)}")
     return sorted(lines)

@@ -15,7 +15,8 @@ class Progress:
 
     def __init__(self, jobs: Sequence[Job], seconds: Mapping[tuple[str, str], float], workers: int) -> None:
         self.left, self.total, self.workers = list(jobs), len(jobs), workers
-        self.seconds, self.done = seconds, []
+        self.seconds = seconds
+        self.done: list[float] = []
         self.start = time.perf_counter()
 
     def line(self, run: Run) -> str:

@@ -16,10 +16,12 @@ def experiments_table(results: Results, rows: Sequence[Row]) -> str:
     """Return the table of all rows whose figures are recorded; a figure beyond its bound is bold."""
     cells, before = [], ""
     for row in rows:
-        if missing(results, row):
+        found = [_figures(results, row.script, case, metric) for case, metric in _names(row)]
+        figures = [each for each in found if each is not None]
+        if len(figures) < len(found):
             continue
         where = f"`{row.script}` {', '.join(row.cases.split())}"
-        cells.append(("" if where == before else where, *_row_cells(results, row)))
+        cells.append(("" if where == before else where, *_row_cells(row, figures)))
         before = where
     return table(("script and case", "metric", "default seed", "worst seed", "bound", "the deliverable"), cells)
 
@@ -79,8 +81,7 @@ def number(value: float | None, scale: Scale) -> str:
     return f"{scaled:.{digits}}{scale.unit}"
 
 
-def _row_cells(results: Results, row: Row) -> tuple[str, ...]:
-    found = [_figures(results, row.script, case, metric) for case, metric in _names(row)]
+def _row_cells(row: Row, found: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     bounds = _unique(_bound(figures["bound"], row.scale) for figures in found)
     reported = _unique(figures["reported"] for figures in found if figures["reported"])
     own = [

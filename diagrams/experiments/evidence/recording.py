@@ -41,9 +41,9 @@ def record(
         say(progress.line(run))
         pair = run.job.script, run.job.case
         done[pair].append(run)
-        if run.status not in (0, 1) or not run.document:
+        if not run.complete:
             broken.append(f"{run.job.name}: exit status {run.status}, not recorded: {run.complaint or 'no metrics'}")
-        elif len(done[pair]) == len(seeds_of(scripts, pair, seeds)) and all(r.document for r in done[pair]):
+        elif len(done[pair]) == len(seeds_of(scripts, pair, seeds)) and all(each.complete for each in done[pair]):
             summary = summarize_case(done[pair], scripts[pair[0]].default_seeds[pair[1]])
             write_results(results_path, merge(read_results(results_path), {pair: summary}, every))
     return broken

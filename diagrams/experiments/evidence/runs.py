@@ -54,6 +54,11 @@ class Run:
     document: dict[str, Any] = field(default_factory=dict)
     complaint: str = ""
 
+    @property
+    def complete(self) -> bool:
+        """Whether the run came to its end, with its bounds met (0) or not (1), and has its metrics."""
+        return self.status in (0, 1) and bool(self.document)
+
 
 def run_job(job: Job, path: Path, out: Path, keep: bool = True) -> Run:
     """Run one case of the script at `path`, which writes its files below `out`; read and, if asked, remove them."""

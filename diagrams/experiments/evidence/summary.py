@@ -80,15 +80,14 @@ def summarize_metric(values: Mapping[int, float | None], default_seed: int, boun
     bound = bounds.get(default_seed, next(iter(bounds.values())))
     bounded = any(is_bounded(each) for each in bounds.values())
     beyond = {seed: missed_by(value, bounds.get(seed, bound)) for seed, value in values.items()}
-    least, most = (min(finite), max(finite)) if finite else (None, None)
-    spread = most - least if finite else 0.0
+    spread = max(finite) - min(finite) if finite else 0.0
     value = values.get(default_seed)
     return {
         "value": value,
         "worst": values[max(beyond, key=lambda seed: beyond[seed])] if bounded else None,
         "median": float(np.median(finite)) if finite else None,
-        "min": least,
-        "max": most,
+        "min": min(finite, default=None),
+        "max": max(finite, default=None),
         "spread": spread,
         "allowed": allowed_difference(value, spread, bound),
         "bound": list(bound),
