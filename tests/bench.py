@@ -1,4 +1,8 @@
-"""A bench for one system: inputs fixed by hand, one control cycle at a time."""
+"""A bench for one system: inputs fixed by hand, one control cycle at a time; and the rows of a benchmark."""
+
+import argparse
+import json
+from pathlib import Path
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -48,3 +52,60 @@ class Bench:
         other._attach(self.context.Clone())
         other.simulator.Initialize(InitializeParams(suppress_initialization_events=True))
         return other
+
+
+def benchmark_options(text, *flags):
+    """Return what the command line of a benchmark says: `json`, a file to write its rows to, and its own flags."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to FILE")
+    for flag in flags:
+        parser.add_argument(flag, action="store_true")
+    return parser.parse_args()
+
+
+class Timings:
+    """The rows of a benchmark, each with its quantiles and its ratio to a peer of the same run."""
+
+    def __init__(self):
+        self.rows = {}
+
+    def add(self, name, seconds, aimed_ms=None, aimed_p95_ms=None, peer=None, note=""):
+        """Add a row.
+
+        Parameters
+        ----------
+        name : str
+        seconds : array, (k,)
+            Wall time of each step.
+        aimed_ms, aimed_p95_ms : float, optional
+            What median and 95th percentile are aimed at.
+        peer : str, optional
+            Row of what does the same job.
+        note : str
+        """
+        if name in self.rows:
+            raise ValueError(f"two rows are named '{name}'")
+        median, p95, p99 = (1e3 * float(np.percentile(seconds, share)) for share in (50, 95, 99))
+        self.rows[name] = {
+            "median_ms": median,
+            "p95_ms": p95,
+            "p99_ms": p99,
+            "steps": len(seconds),
+            "aimed_ms": aimed_ms,
+            "aimed_p95_ms": aimed_p95_ms,
+            "peer": peer,
+            "note": note,
+        }
+
+    def document(self):
+        """Return the rows by name; `ratio` is the peer's median over the row's own, None where it was not run."""
+        peers = {name: self.rows.get(row["peer"]) for name, row in self.rows.items()}
+        return {
+            name: {**row, "ratio": None if peers[name] is None else peers[name]["median_ms"] / row["median_ms"]}
+            for name, row in self.rows.items()
+        }
+
+    def write(self, path):
+        """Write the rows to a file, if there is one to write to."""
+        if path is not None:
+            path.write_text(json.dumps(self.document(), indent=1, ensure_ascii=False) + "\n")

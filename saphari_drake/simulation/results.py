@@ -21,7 +21,7 @@ from saphari_drake.simulation.files import atomic_path, write_text
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.scenario import dump
 
-TIMING = re.compile(r"_ms(_|$)")
+TIMING = re.compile(r"_ms(_|$)|^real_time_factor")
 RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html")
 
 
@@ -32,7 +32,8 @@ class Metric:
     Attributes
     ----------
     name : str
-        Name with its unit at the end where that helps; ``*_ms_*`` marks a timing figure, which never decides.
+        Name with its unit at the end where that helps; ``*_ms_*`` and ``real_time_factor*`` mark timing figures, which
+        never decide.
     value : float
         The number; one that is not finite misses its bounds.
     unit : str
@@ -146,6 +147,8 @@ def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any]) -> dict[st
         "bounds": {metric.name: [metric.low, metric.high] for metric in outcome.metrics},
         "verdict": "pass" if outcome.passed else "fail",
         "units": {metric.name: metric.unit for metric in outcome.metrics},
+        "decides": {metric.name: metric.decides for metric in outcome.metrics},
+        "reported": {metric.name: metric.reported for metric in outcome.metrics},
         "scenario": scenario_tree,
         "versions": versions(),
     }

@@ -1,6 +1,6 @@
 """Wall time of one estimation and control cycle (5 ms), rendering apart, on one pinned thread; each stage's share.
 
-Run: python tests/benchmarks/benchmark_contact_cycle.py
+Run: python tests/benchmarks/benchmark_contact_cycle.py [--json FILE]
 """
 
 import os
@@ -13,10 +13,11 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-sys.path.insert(0, str(Path(__file__).parents[2] / "diagrams"))
+sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).parents[1])]
 
 import contact_impedance as script  # noqa: E402
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
 from saphari_drake.control.contact_impedance import contact_impedance_torque  # noqa: E402
@@ -33,6 +34,7 @@ STEPS = 600
 
 def main() -> None:
     """Simulate up to a push, then time whole cycles and single stages on that state and image."""
+    options, timings = benchmark_options(__doc__), Timings()
     scenario = script.scenario_for("modified")
     setup = script.build(scenario)
     simulator = Simulator(setup.diagram)
@@ -51,14 +53,20 @@ def main() -> None:
     seconds, with_frame = time_cycles(robot, system.camera, system.pipeline, states, depth, background)
 
     print(f"{'whole cycle':34}{'median ms':>11}{'p95 ms':>9}")
+    timings.add("all cycles (frames at 30 Hz)", seconds, 2.0, 3.0)
+    timings.add("cycles without a new frame", seconds[~with_frame])
+    timings.add("cycles with a new frame", seconds[with_frame])
     row("all cycles (frames at 30 Hz)", seconds)
     row("cycles without a new frame", seconds[~with_frame])
     row("cycles with a new frame", seconds[with_frame])
     print(f"\n{'stage':34}{'median ms':>11}{'p95 ms':>9}{'share':>8}")
     total = float(np.median(seconds[with_frame]))
     for name, call in stages(setup, states[-1], depth, background).items():
-        row(name, repeated(call), total)
+        times = repeated(call)
+        timings.add(name, times)
+        row(name, times, total)
     print(f"\nsimulation, times real time: {with_camera:.2f} with the camera, {without_camera():.2f} without")
+    timings.write(options.json)
 
 
 def stages(setup: script.Setup, state: np.ndarray, depth: np.ndarray, background: np.ndarray) -> dict[str, Callable]:

@@ -2,18 +2,22 @@
 
 The cycle: all dynamics of the arm, forces, touches, priorities, limits and torque, with nobody, one and two hands.
 
-Run: python tests/benchmarks/benchmark_hand_guiding.py
+Run: python tests/benchmarks/benchmark_hand_guiding.py [--json FILE]
 """
 
 import os
+import sys
 import time
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 
 from saphari_drake.control.hand_guiding_parameters import HandGuidingParameters  # noqa: E402
 from saphari_drake.control.hand_guiding_stability import GuidingLoop, stiffness_table  # noqa: E402
@@ -57,6 +61,7 @@ def print_table(title: str, loop: GuidingLoop) -> None:
 
 def main() -> None:
     """Print the cycle times and the tables."""
+    options, timings = benchmark_options(__doc__), Timings()
     print(f"{'one control cycle, 7 joints':44}{'median ms':>10}{'p95 ms':>10}")
     for name, F_e, F_b, feedback in (
         ("nobody touches", 0.0, 0.0, "measured"),
@@ -64,10 +69,13 @@ def main() -> None:
         ("two hands", 5.0, 5.0, "measured"),
         ("two hands, commanded motion as feedback", 5.0, 5.0, "commanded"),
     ):
-        seconds = 1e3 * cycle_times(F_e, F_b, feedback)
+        seconds = cycle_times(F_e, F_b, feedback)
+        timings.add(name, seconds, LIMIT_MS)
+        seconds *= 1e3
         median = float(np.median(seconds))
         verdict = "pass" if median <= LIMIT_MS else "FAIL"
         print(f"{name:44}{median:10.4f}{np.percentile(seconds, 95):10.4f}  ≤ {LIMIT_MS} ms: {verdict}")
+    timings.write(options.json)
     own = HandGuidingParameters()
     print_table("Torque interface", GuidingLoop(own))
     print_table("Torque interface, force filtered with 2 ms and a cycle late", GuidingLoop(own, 3.0, 0.0, 0.002, 1))

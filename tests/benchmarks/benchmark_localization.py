@@ -1,19 +1,23 @@
 """Wall time of the contact cycle over all links, rendering apart: each stage, one and two cameras, and the baseline.
 
-Run as ``python tests/benchmarks/benchmark_localization.py``; everything runs on one pinned thread.
+Run as ``python tests/benchmarks/benchmark_localization.py [--json FILE]``; everything runs on one pinned thread.
 Shares are those of the whole cycle.
 """
 
 import os
+import sys
 import time
 from collections import defaultdict
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 
 from saphari_drake.perception import fusion_kernels as kernels  # noqa: E402
 from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters  # noqa: E402
@@ -83,6 +87,7 @@ def measure(law, scenes, count):
 
 def main():
     """Print the table."""
+    options, timings = benchmark_options(__doc__), Timings()
     robot = lwr4()
     scenes = ContactScenes(robot, CAMERAS, SceneParameters())
     rng = np.random.default_rng(0)
@@ -102,7 +107,11 @@ def main():
             values = [1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)]
             times = count if name.startswith("- vision") else 1
             share = times * np.median(clock.thread[name]) / np.median(clock.thread["whole cycle"])
+            whole = name == "whole cycle"
+            peer = f"published method, {count} camera(s)" if whole else None
+            timings.add(f"{name}, {count} camera(s)", clock.wall[name], None, bound if whole else None, peer)
             print(f"  {name:<36}{values[0]:14.2f}{values[1]:8.2f}{values[2]:17.2f}{values[3]:8.2f}{share:13.0%}")
+    timings.write(options.json)
 
 
 if __name__ == "__main__":

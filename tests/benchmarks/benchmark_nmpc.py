@@ -4,7 +4,7 @@ Cases 1 (no obstacles), 2 (in the objective), 3 (and as constraints) and 3h (as 
 step from the shifted solution before. Peer in the same run: CasADi with IPOPT at its defaults, on the same steps,
 with the distance between its velocity and ours. Then growth with obstacles and horizon, and the step as a LeafSystem.
 
-Run: python tests/benchmarks/benchmark_nmpc.py [--no-peer]
+Run: python tests/benchmarks/benchmark_nmpc.py [--no-peer] [--json FILE]
 """
 
 import os
@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import nmpc_problems as bench  # noqa: E402
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 from pydrake.common.value import AbstractValue  # noqa: E402
 from pydrake.math import RigidTransform  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
@@ -31,10 +32,12 @@ LIMIT_MS = {"real_time": {"1": 0.2, "2": 0.25, "3": 0.3}, "converged": {"1": 0.6
 OVERHEAD_MS = 0.2
 AGREEMENT = 1e-3
 WARM_UP = 4  # steps without a good guess, left out of the times
+TIMINGS = Timings()
 
 
-def row(name: str, seconds: np.ndarray, note: str = "") -> None:
-    """Print median, 95th percentile and maximum in ms."""
+def row(name: str, seconds: np.ndarray, note: str = "", limit: float | None = None, peer: str | None = None) -> None:
+    """Note the times, and print median, 95th percentile and maximum in ms."""
+    TIMINGS.add(name.strip(), seconds, limit, peer=peer, note=note)
     ms = 1e3 * np.asarray(seconds)
     print(f"{name:38}{np.median(ms):10.3f}{np.percentile(ms, 95):10.3f}{ms.max():10.3f}  {note}", flush=True)
 
@@ -73,15 +76,17 @@ def run_case(case: str, mode: str, peer: bool, **changes) -> None:
             differences.append(np.linalg.norm(v - solution.v) / np.linalg.norm(v) if ok else np.inf)
         Q, q = solution.Q, solution.Q[0]
     times = np.array(own[WARM_UP:])
-    note = verdict(times, LIMIT_MS.get(mode, {}).get(case) if not changes else None)
+    limit = LIMIT_MS.get(mode, {}).get(case) if not changes else None
+    peer_name = f"  CasADi + IPOPT, defaults, case {case}" if peer else None
     label = f"case {case}, {mode.replace('_', ' ')}" + "".join(f", {value}" for value in changes.values())
     of_thread = 1e3 * np.median(processor[WARM_UP:])
-    row(label, times, f"{note}thread time {of_thread:.3f}; QPs {np.mean(iterations):.1f}, at most {max(iterations)}")
+    note = (
+        f"{verdict(times, limit)}thread time {of_thread:.3f}; QPs {np.mean(iterations):.1f}, at most {max(iterations)}"
+    )
+    row(label, times, note, limit, peer_name and peer_name.strip())
     if rival is not None:
         agree = np.mean(np.array(differences) <= AGREEMENT)
-        row(
-            "  CasADi + IPOPT, defaults", np.array(theirs[WARM_UP:]), f"same velocity within 1e-3: {agree:.1%} of steps"
-        )
+        row(peer_name, np.array(theirs[WARM_UP:]), f"same velocity within 1e-3: {agree:.1%} of steps")
 
 
 def grow() -> None:
@@ -134,12 +139,18 @@ def as_system(case: str) -> None:
         total = time.perf_counter() - start
         values.append(total - system.GetOutputPort("solve_time").Eval(context)[0])
         q = q + bench.PERIOD * v
-    row(f"LeafSystem beyond the solution, case {case}", np.array(values[WARM_UP:]), verdict(values, OVERHEAD_MS))
+    row(
+        f"LeafSystem beyond the solution, case {case}",
+        np.array(values[WARM_UP:]),
+        verdict(values, OVERHEAD_MS),
+        OVERHEAD_MS,
+    )
 
 
 def main() -> None:
     """Print the table."""
-    peer = "--no-peer" not in sys.argv
+    options = benchmark_options(__doc__, "--no-peer")
+    peer = not options.no_peer
     print(f"{'one step, 10 joints, N_p = 10':38}{'median ms':>10}{'p95 ms':>10}{'max ms':>10}")
     for case in bench.CASES:
         run_case(case, "real_time", False)
@@ -149,6 +160,7 @@ def main() -> None:
     for case in ("1", "3"):
         as_system(case)
     grow()
+    TIMINGS.write(options.json)
 
 
 if __name__ == "__main__":

@@ -2,16 +2,20 @@
 
 Wall time, and time of the thread alone, which other programs on the machine disturb less.
 
-Run: python tests/benchmarks/benchmark_null_space.py
+Run: python tests/benchmarks/benchmark_null_space.py [--json FILE]
 """
 
 import os
+import sys
 import time
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 from pydrake.systems.framework import DiagramBuilder  # noqa: E402
 
@@ -23,20 +27,25 @@ from saphari_drake.simulation.null_space_cell import (  # noqa: E402
 )
 
 CYCLES, WARM_UP = 1200, 100
+LIMIT_MS = 0.2
 
 
 def main() -> None:
     """Print the times of whole cycles and of controller with observer alone, for every observer and task."""
+    options, timings = benchmark_options(__doc__), Timings()
     print(f"{'':26}{'whole cycle, ms':>28}{'controller + observer, ms':>34}")
     print(f"{'observer':16}{'task':10}" + f"{'wall':>12}{'p95':>8}{'thread':>8}{'':6}" * 2)
     for task in ("position", "pose"):
         for observer in ("none", "task_error", "task_error_pd", "momentum"):
             whole, own = cycles(observer, task)
+            timings.add(f"whole cycle, {observer}, {task}", 1e-3 * whole[0], LIMIT_MS)
+            timings.add(f"controller and observer, {observer}, {task}", 1e-3 * own[0])
             cells = [
                 f"{np.median(wall):12.3f}{np.percentile(wall, 95):8.3f}{np.median(thread):8.3f}{'':6}"
                 for wall, thread in (whole, own)
             ]
             print(f"{observer:16}{task:10}{''.join(cells)}")
+    timings.write(options.json)
 
 
 def now() -> np.ndarray:

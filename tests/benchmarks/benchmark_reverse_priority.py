@@ -2,19 +2,23 @@
 
 Peers on the same job, its upper task and its constraints: Drake's differential IK, and pink with daqp if installed.
 
-Run: python tests/benchmarks/benchmark_reverse_priority.py
+Run: python tests/benchmarks/benchmark_reverse_priority.py [--json FILE]
 """
 
 import os
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 
 from saphari_drake.control import priority_tasks as tasks  # noqa: E402
 from saphari_drake.control.priority_stack import PriorityStack  # noqa: E402
@@ -140,6 +144,7 @@ def row(name: str, seconds: np.ndarray, note: str = "") -> None:
 
 def main() -> None:
     """Print the table."""
+    options, timings = benchmark_options(__doc__), Timings()
     robot = catalog.lwr4()
     print(f"{'one step, 7 joints, 3 tasks':44}{'median ms':>10}{'p95 ms':>10}")
     for constraints in (5, 20, 80):
@@ -147,15 +152,24 @@ def main() -> None:
         verdict = ""
         if constraints == 20:
             verdict = f"; ≤ {LIMIT_MS} ms: {'pass' if 1e3 * np.median(seconds) <= LIMIT_MS else 'FAIL'}"
-        row(f"reverse priority, {constraints} constraints", seconds, f"{active:.1f} active on average{verdict}")
-    row("reverse priority, 20, as a LeafSystem", as_system(robot), "with ports")
+        limit = LIMIT_MS if constraints == 20 else None
+        name = f"reverse priority, {constraints} constraints"
+        timings.add(name, seconds, limit, peer=f"Drake differential IK, {constraints} constraints")
+        row(name, seconds, f"{active:.1f} active on average{verdict}")
+    seconds = as_system(robot)
+    timings.add("reverse priority, 20, as a LeafSystem", seconds)
+    row("reverse priority, 20, as a LeafSystem", seconds, "with ports")
     for constraints in (5, 20, 80):
-        row(f"Drake differential IK, {constraints} constraints", drake(robot, constraints), "1 task, no priorities")
+        seconds, name = drake(robot, constraints), f"Drake differential IK, {constraints} constraints"
+        timings.add(name, seconds, note="1 task, no priorities")
+        row(name, seconds, "1 task, no priorities")
     seconds = pink(robot)
     if seconds is None:
         print("pink: not installed (pip install pin-pink)")
     else:
+        timings.add("pink, joint position and velocity limits", seconds, note="weights for priorities")
         row("pink, joint position and velocity limits", seconds, "weights for priorities")
+    timings.write(options.json)
 
 
 if __name__ == "__main__":

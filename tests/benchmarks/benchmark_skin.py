@@ -2,19 +2,23 @@
 
 Time of the thread, which is the wall time on an idle machine, and the wall time.
 
-Run: python tests/benchmarks/benchmark_skin.py
+Run: python tests/benchmarks/benchmark_skin.py [--json FILE]
 """
 
 import os
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
+from bench import Timings, benchmark_options  # noqa: E402
 
 from saphari_drake.perception.skin_calibration import SkinCalibration, calibrate_modules  # noqa: E402
 from saphari_drake.perception.skin_estimator import SkinLaw  # noqa: E402
@@ -51,6 +55,7 @@ def timed(
 
 def main() -> None:
     """Print the table."""
+    options, timings = benchmark_options(__doc__), Timings()
     robot = catalog.lwr4()
     print(f"{'one estimation':44}{'median ms':>10}{'p95 ms':>10}{'wall':>10}{'p95':>10}")
     for name, rows, columns, limit in CASES:
@@ -59,11 +64,14 @@ def main() -> None:
         calibration = calibrate_modules(modules, IndenterParameters(presses=40))
         for touches in (0, 1, 2, 5):
             for dead in (0, layout.count // 10):
-                ms = 1e3 * timed(layout, modules, calibration, touches, dead)
+                seconds = timed(layout, modules, calibration, touches, dead)
+                ms = 1e3 * seconds
                 (own, wall), (own_95, wall_95) = np.median(ms, axis=0), np.percentile(ms, 95, axis=0)
                 verdict = f"≤ {limit} ms: {'pass' if own <= limit else 'FAIL'}"
                 what = f"{name}, {touches} touches, {dead} dead"
+                timings.add(what, seconds[:, 1], limit)
                 print(f"{what:44}{own:10.3f}{own_95:10.3f}{wall:10.3f}{wall_95:10.3f}  {verdict}")
+    timings.write(options.json)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,95 @@
+"""What report.py does with its options."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from experiments.evidence.benchmarks import run_benchmarks
+from experiments.evidence.command_line import parse
+from experiments.evidence.discovery import find_scripts
+from experiments.evidence.gate_run import check
+from experiments.evidence.readme import generated, missing
+from experiments.evidence.recording import record
+from experiments.evidence.results_file import read_results, write_results
+from saphari_drake.errors import SaphariError
+from saphari_drake.simulation.command_line import complain, say
+from saphari_drake.simulation.files import write_text
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Places(NamedTuple):
+    """Where the scripts and the benchmarks are, and what is written."""
+
+    scripts: Path
+    benchmarks: Path
+    readme: Path
+
+    @property
+    def results(self) -> Path:
+        """File of the experiments' figures."""
+        return self.scripts / "results.json"
+
+    @property
+    def times(self) -> Path:
+        """File of the benchmarks' rows."""
+        return self.scripts / "benchmarks.json"
+
+
+def main(argv: Sequence[str] | None, places: Places) -> int:
+    """Do what the command line says and return the exit status."""
+    try:
+        return _main(parse(argv), places)
+    except (SaphariError, OSError) as error:
+        complain("report", error)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("\nreport: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _main(options: Namespace, places: Places) -> int:
+    broken: list[str] = []
+    with ExitStack() as stack:
+        out = options.out or Path(stack.enter_context(TemporaryDirectory()))
+        keep = options.out is not None
+        if options.check:
+            scripts = find_scripts(places.scripts)
+            lines = check(scripts, options.only, places.results, out, options.jobs, keep, say)
+            return _told(lines, "gate: pass", "gate: FAIL")
+        if options.benchmarks:
+            record_benchmarks(places, options.only)
+        elif not options.tables:
+            scripts = find_scripts(places.scripts)
+            broken = record(scripts, options.only, options.seeds, places.results, out, options.jobs, keep, say)
+    return _told([*broken, *write_readme(places)], "README written", "README written, without the above")
+
+
+def record_benchmarks(places: Places, only: Sequence[str]) -> None:
+    """Run the benchmarks and keep their rows."""
+    recorded = read_results(places.times)
+    for name, entry in run_benchmarks(places.benchmarks, only):
+        say(name)
+        recorded[name] = entry
+        write_results(places.times, dict(sorted(recorded.items())))
+
+
+def write_readme(places: Places) -> list[str]:
+    """Write the README's generated parts; return a line for each figure that it lacks."""
+    results, times = read_results(places.results), read_results(places.times)
+    text = places.readme.read_text(encoding="utf-8")
+    write_text(places.readme, generated(text, results, times))
+    return missing(results, times)
+
+
+def _told(lines: Sequence[str], well: str, badly: str) -> int:
+    for line in lines:
+        say(line)
+    say(badly if lines else well)
+    return FAILED if lines else DONE
