@@ -19,6 +19,7 @@ from saphari_drake.simulation.contact_run import (
     aimed,
     load_robot,
     record_contact,
+    record_velocity,
     replay_contact,
     simulate,
     timing,
@@ -26,6 +27,7 @@ from saphari_drake.simulation.contact_run import (
 from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
 from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.human_hand import Push
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.recorder import Recorder
 
 CASES = {
@@ -89,6 +91,7 @@ class Setup:
     diagram: Diagram
     parts: ContactCell
     recorder: Recorder
+    fine: Recorder
 
 
 def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Setup:
@@ -106,10 +109,11 @@ def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Set
     recorder.add("force_error", controller.GetOutputPort("force_error"), "N")
     recorder.add("contact_velocity", controller.GetOutputPort("contact_velocity"), "m/s")
     recorder.add("force_status", controller.GetOutputPort("force_status"), "ForceStatus")
+    fine = record_velocity(builder, parts)
     recorder.add("stop_velocity", controller.GetOutputPort("stop_velocity"), "m/s")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
-    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder)
+    return Setup(scenario, robot, pushes, builder.Build(), parts, recorder, fine)
 
 
 def build_diagram(scenario: ContactForceScenario) -> Diagram:
@@ -124,7 +128,9 @@ def run(scenario: ContactForceScenario, options: RunOptions) -> Outcome:
         setup.diagram, setup.parts, setup.pushes, scenario.duration, scenario.case, options
     )
     log = setup.recorder.log(setup.diagram, simulator.get_context())
-    metrics = judged(setup, log) + timing(setup.robot, scenario.system, log, depth, scenario.duration, wall)
+    fine = setup.fine.log(setup.diagram, simulator.get_context())
+    metrics = judged(setup, log) + limit_metrics(setup.robot, fine["velocity_1ms"], log["torque_excess"])
+    metrics += timing(setup.robot, scenario.system, log, depth, scenario.duration, wall)
     return Outcome(metrics, log, lambda: figure(setup, log), lambda path: replay(setup, log, path))
 
 
@@ -155,7 +161,6 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
         ),
         *touches_of.localization_metrics(log, touches),
         Metric("torque_step_max_Nm", float(jump), "Nm"),
-        Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
     ]
 
 

@@ -23,6 +23,7 @@ from saphari_drake.simulation.contact_run import (
     aimed,
     load_robot,
     record_contact,
+    record_velocity,
     replay_contact,
     rms,
     simulate,
@@ -32,6 +33,7 @@ from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome
 from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.force_recording import read_force_recording
 from saphari_drake.simulation.human_hand import Push
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.recorded_push import RecordedPush, RecordedPushParameters, recorded_push
 from saphari_drake.simulation.recorder import Recorder
 
@@ -120,8 +122,7 @@ def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) ->
     profile = recorded.profile if recorded else None
     parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
     recorder = record(builder, parts, scenario.system.pipeline.joint_sensor.period)
-    fine = Recorder(builder, 0.001)
-    fine.add("velocity_1ms", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fine = record_velocity(builder, parts)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, pushes, builder.Build(), parts, recorder, fine, recorded, duration)
@@ -212,7 +213,9 @@ def run(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
     setup = build(scenario, options.meshcat)
     simulator, depth, wall = simulate(setup.diagram, setup.parts, setup.pushes, setup.duration, scenario.case, options)
     log = setup.recorder.log(setup.diagram, simulator.get_context())
-    metrics = judged(setup, log) + timing(setup.robot, scenario.system, log, depth, setup.duration, wall)
+    fine = setup.fine.log(setup.diagram, simulator.get_context())
+    metrics = judged(setup, log) + limit_metrics(setup.robot, fine["velocity_1ms"], log["torque_excess"])
+    metrics += timing(setup.robot, scenario.system, log, depth, setup.duration, wall)
     return Outcome(metrics, log, lambda: figure(setup, log), lambda path: replay(setup, log, path))
 
 
@@ -238,7 +241,6 @@ def judged(setup: Setup, log: Log) -> list[Metric]:
         metrics += return_metrics(setup, log, touches)
     jump = np.abs(np.diff(log["torque"], axis=0)).max()
     metrics.append(Metric("torque_step_max_Nm", float(jump), "Nm"))
-    metrics.append(Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"))
     return metrics
 
 

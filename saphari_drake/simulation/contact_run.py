@@ -79,6 +79,13 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     return recorder
 
 
+def record_velocity(builder: DiagramBuilder, parts: ContactCell) -> Recorder:
+    """Record the joint velocities at every millisecond, for `limit_metrics`."""
+    recorder, n = Recorder(builder, 0.001), parts.cell.robot.n
+    recorder.add("velocity_1ms", parts.cell.robot_state, "rad/s", lambda x: x[n:])
+    return recorder
+
+
 def simulate(
     diagram: Diagram, parts: ContactCell, pushes: Sequence[Push], duration: float, label: str, options: RunOptions
 ) -> tuple[Simulator, NDArray[np.float32], float]:

@@ -17,6 +17,7 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation import contact_analysis as judge
 from saphari_drake.simulation.contact_cell import ContactCell
 from saphari_drake.simulation.figures import BOUND, CYCLE, blank, legend
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.results import Metric
 from saphari_drake.simulation.visibility import pixels_near
@@ -72,15 +73,15 @@ def judged_touch(
     robot: RobotModel, trial: int, drawn: RandomTouch, log: Log, fine: Log, seen: bool, K_p: Array, watched: float
 ) -> JudgedTouch:
     """Judge the log of one touch; `fine` holds the velocity at every millisecond."""
-    limits = float(np.max(np.abs(fine["velocity_1ms"]) / robot.v_max))
+    speed, excess = limit_metrics(robot, fine["velocity_1ms"], log["torque_excess"])
     shared = {
         "trial": trial,
         "link": robot.link_index(drawn.push.link),
         "force": drawn.push.force,
         "finger_radius": drawn.finger_radius,
         "seen": float(seen),
-        "speed_share": limits,
-        "torque_excess": float(np.abs(log["torque_excess"]).max()),
+        "speed_share": speed.value,
+        "torque_excess": excess.value,
     }
     try:
         (touch,) = judge.find_touches(log, robot, [drawn.push])
