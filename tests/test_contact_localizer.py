@@ -134,7 +134,7 @@ def test_kernels_equal_the_plain_twin(scene, vision, seed):
     touch = scene.random_touch(np.random.default_rng(100 + seed))
     image = scene.image(touch.q, touch)
     image = noisy(image, seed) if seed % 2 else image
-    result = vision.localize(image, touch.R_WL, touch.p_WL)
+    result = vision.localize_several(image, touch.R_WL, touch.p_WL, 1)[0]  # as something thin
     everywhere = np.full(image.shape, np.inf)
     link, distance, p_LC = localize_twin(
         scene.robot.shapes, scene.camera, vision.params, image, everywhere, touch.R_WL, touch.p_WL

@@ -226,6 +226,8 @@ class ContactVision:
         if len(cloud) < p.component:
             return None
         c, u, radius, first, last = limb_kernels.fit_limb(cloud)
+        if radius < p.limb_radius:
+            return None
         link, p_CT, d = limb_kernels.limb_contact(
             s.kind, s.size, s.link, R_CS, p_CS, c, u, radius, first, last, p.limb_softness
         )

@@ -37,10 +37,11 @@ class LocalizerParameters:
     thickness: float = 1.5
     least_thickness: float = 0.0065
     most_thickness: float = 0.019
-    # A limb is fitted to the readings within this distance of their nearest place (m, > 0). The fit counts if limb and
-    # robot touch within this (m, > 0), and is tried if the nearest reading is no farther than this (m, > 0). Softness
-    # of a limb (m, > 0).
+    # A limb is fitted to the readings within this distance of their nearest place (m, > 0). The fit counts if its radius
+    # is no smaller than this (m, > 0) and limb and robot touch within this (m, > 0), and is tried if the nearest reading
+    # is no farther than this (m, > 0). Softness of a limb (m, > 0).
     limb_reach: float = 0.12
+    limb_radius: float = 0.020
     limb_gap: float = 0.010
     limb_distance: float = 0.08
     limb_softness: float = 0.003
@@ -75,7 +76,7 @@ class LocalizerParameters:
         require_positive(
             self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
             "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate",
-            "limb_reach", "limb_gap", "limb_distance", "limb_softness", "points_stride",
+            "limb_reach", "limb_radius", "limb_gap", "limb_distance", "limb_softness", "points_stride",
             "timeout", "point_sigma", "near", "slide", "time_constant", "jump", "switch_frames", "torque_sigma",
             "felt", "veto", "memory",
         )  # fmt: skip

@@ -1,7 +1,5 @@
 """Random touches: posture, point, direction, force and finger, drawn so that only the finger touches the robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
