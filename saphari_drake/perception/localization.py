@@ -27,6 +27,7 @@ _LIMB_READINGS = 300  # about so many are fitted
 # around them; from random hands with fingers of 8 to 18 mm and fists of 35 to 46 mm in radius.
 _THIN_WIDTH, _LIMB_WIDTH = (0.15, 0.08), (0.47, 0.10)
 _MOST = 5.0  # deviations that count
+_MOST_GAP = 2.0  # deviations; a limb that is farther from touching does not touch
 # Radii inside the limb's extent from which, and from which on surely, it touches along its side; the cost of no limb.
 _SIDE, _SIDE_COST = (0.3, 1.0), 16.0
 
@@ -95,7 +96,7 @@ def shape_costs(width: float, inside: float, gap: float) -> tuple[float, float]:
     inside : float
         How far the place lies inside the extent of what is seen of the limb, over its radius (< 0: beyond its end).
     gap : float
-        How far the limb is from touching, over the most that it may be.
+        How far the limb is from touching, in deviations.
     """
     side = float(np.clip((inside - _SIDE[0]) / (_SIDE[1] - _SIDE[0]), 0.0, 1.0))
     narrow = min(max(_LIMB_WIDTH[0] - width, 0.0) / _LIMB_WIDTH[1], _MOST)
@@ -232,7 +233,7 @@ class ContactVision:
             s.kind, s.size, s.link, R_CS, p_CS, c, u, radius, first, last, p.limb_softness
         )
         gap = d - radius
-        if abs(gap) > p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
+        if abs(gap) > _MOST_GAP * p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
             return None
         along = (p_C - c) @ u
         cost, thin_cost = shape_costs(width / radius, min(along - first, last - along) / radius, gap / p.limb_gap)
