@@ -88,7 +88,7 @@ def test_residual_moves_a_seen_point_to_where_the_force_is(lwr4, side):
     F_W = terms.R_WL[5] @ np.array([-28.0, 5.0, 8.0])
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, 5, p_L, F_W))
     seen, n_seen = on_surface(lwr4)(5, p_L + 0.006 * np.array(side) / np.linalg.norm(side))
-    moved, left = corrected_point(lwr4, at, 5, seen, n_seen, 0.01, 0.004)
+    moved, left = corrected_point(lwr4, at, at.r, 5, seen, n_seen, 0.01, 0.004)
     assert np.linalg.norm(on_surface(lwr4)(5, moved)[0] - p_L) < 0.5 * np.linalg.norm(seen - p_L)
     assert left < 3.0
 
@@ -105,7 +105,7 @@ def test_correction_helps_on_the_whole_and_never_runs_away(lwr4, link):
         r = terms.point(link, p_L).Jv_WC.T @ F_W + 0.02 * rng.normal(size=7)
         side = np.cross(n_L, rng.normal(size=3))
         seen, n_seen = on_surface(lwr4)(link, p_L + 0.006 * rng.normal() * side / np.linalg.norm(side))
-        moved, _ = corrected_point(lwr4, instant(lwr4, 0.0, q, r), link, seen, n_seen, 0.1, 0.004)
+        moved, _ = corrected_point(lwr4, instant(lwr4, 0.0, q), r, link, seen, n_seen, 0.1, 0.004)
         assert np.linalg.norm(moved - seen) < 0.012 + 1e-9
         before.append(np.linalg.norm(seen - p_L))
         after.append(np.linalg.norm(on_surface(lwr4)(link, moved)[0] - p_L))
@@ -115,7 +115,7 @@ def test_correction_helps_on_the_whole_and_never_runs_away(lwr4, link):
 def test_point_that_explains_the_residual_stays(lwr4):
     p_L, n_L = surface(lwr4, LINK)
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, LINK, p_L, [-20.0, 5.0, 10.0]))
-    moved, left = corrected_point(lwr4, at, LINK, p_L, n_L, 0.1, 0.004)
+    moved, left = corrected_point(lwr4, at, at.r, LINK, p_L, n_L, 0.1, 0.004)
     np.testing.assert_allclose(moved, p_L, atol=1e-9)
     assert left < 1e-6
 
@@ -125,7 +125,7 @@ def test_what_the_residual_does_not_show_stays_as_it_is_seen(lwr4):
     p_L, _ = surface(lwr4, 1, (0.3, 0.02, 0.0))
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, 1, p_L, [5.0, -20.0, 0.0]))
     seen, n_seen = on_surface(lwr4)(1, p_L + [0.0, 0.008, 0.0])
-    moved, _ = corrected_point(lwr4, at, 1, seen, n_seen, 0.1, 0.004)
+    moved, _ = corrected_point(lwr4, at, at.r, 1, seen, n_seen, 0.1, 0.004)
     assert np.linalg.norm(moved - seen) < 0.004
 
 
@@ -134,7 +134,7 @@ def test_residual_of_another_link_is_left_unexplained(lwr4):
     p_L, _ = surface(lwr4, 5)
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, 5, p_L, [0.0, -25.0, 10.0]))
     inner, n_inner = surface(lwr4, 2)
-    assert corrected_point(lwr4, at, 2, inner, n_inner, 0.1, 0.004)[1] > 10.0
+    assert corrected_point(lwr4, at, at.r, 2, inner, n_inner, 0.1, 0.004)[1] > 10.0
 
 
 # ---- one explanation over frames ----------------------------------------------------------------------------------

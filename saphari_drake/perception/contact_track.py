@@ -100,11 +100,11 @@ class ContactTracker:
 
     def _with_residual(self, place: Localization, at: Instant) -> Localization:
         """Return a place as residual and image together explain it."""
-        params = self._params
-        if place.link < 0 or not self._felt(at):
+        params, r = self._params, at.r
+        if place.link < 0 or r is None or not self._felt(at):
             return place
         sigma = np.sqrt(self._variance(place))
-        p_L, left = corrected_point(self._robot, at, place.link, place.p_LC, place.n_L, params.torque_sigma, sigma)
+        p_L, left = corrected_point(self._robot, at, r, place.link, place.p_LC, place.n_L, params.torque_sigma, sigma)
         p_LC, n_L = self._on_surface(place.link, p_L)
         return place._replace(p_LC=p_LC, n_L=n_L, cost=place.cost + max(left - params.veto, 0.0) ** 2)
 

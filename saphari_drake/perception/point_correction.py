@@ -35,7 +35,7 @@ def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -
 
 
 def corrected_point(
-    robot: RobotModel, at: Instant, link: int, p_L: Array, n_L: Array, torque_sigma: float, point_sigma: float
+    robot: RobotModel, at: Instant, r: Array, link: int, p_L: Array, n_L: Array, torque_sigma: float, point_sigma: float
 ) -> tuple[Array, float]:
     """Return the most likely contact point near a seen one, given the residual, and the deviations it leaves.
 
@@ -46,6 +46,8 @@ def corrected_point(
 
     Parameters
     ----------
+    r : (n,) array
+        Residual of that time (Nm).
     link, p_L, n_L : int, (3,) and (3,) arrays
         Seen point (m) and outward normal, in the link's frame.
     torque_sigma, point_sigma : float
@@ -68,7 +70,7 @@ def corrected_point(
         moves[joint] = True
         joint = robot.tree.parent[joint]
     A, b = np.zeros((n + 2, 5)), np.zeros(n + 2)
-    A[:n, :3], b[:n] = J.T / torque_sigma, at.r / torque_sigma
+    A[:n, :3], b[:n] = J.T / torque_sigma, r / torque_sigma
     A[n:, 3:] = np.eye(2) / point_sigma
     F = np.linalg.lstsq(A[:n, :3], b[:n], rcond=_RCOND)[0]
     for _ in range(2):
