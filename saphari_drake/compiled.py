@@ -133,8 +133,7 @@ class _HashedLocator(_CacheLocator):
         """Make the folder if it is not there, and remove those of earlier sources."""
         if self._folder.is_dir():
             return
-        self._found.ensure_cache_path()
-        self._folder.mkdir(exist_ok=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
         name = re.compile(rf"{re.escape(self._folder.name[:-DIGITS])}[0-9a-f]{{{DIGITS}}}")
         for folder in self._folder.parent.iterdir():
             if name.fullmatch(folder.name) and folder != self._folder:
