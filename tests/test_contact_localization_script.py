@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "diagrams"))
 import contact_localization as script
 
 from saphari_drake.simulation.experiment import RunOptions, main
+from saphari_drake.simulation.localization_scenario import NEVER
 
 
 def scenario_of(case, **values):
@@ -24,24 +25,26 @@ def scenario_of(case, **values):
 @pytest.mark.parametrize("moving", [0.0, 1.0])
 def test_visible_touch_is_found_beside_its_truth(moving):
     outcome = script.run(scenario_of("one_camera", moving=moving), RunOptions())
-    assert np.median(outcome.log["error"]) < 0.015
     assert outcome.log["other_link"].tolist() == [[-1.0]] * 3
-    values = {metric.name: metric.value for metric in outcome.metrics}
+    metrics = {metric.name: metric for metric in outcome.metrics}
+    assert metrics["median_m"].met and np.isfinite(metrics["median_m"].high)
+    values = {name: metric.value for name, metric in metrics.items()}
     assert values["median_m"] == pytest.approx(np.median(outcome.log["error"]))
     assert values["baseline_median_m"] == pytest.approx(np.median(outcome.log["baseline_error"]))
 
 
 def test_two_contacts_have_a_row_each_and_files_are_written(tmp_path):
     arguments = ["--case", "two_contacts", "--set", "count=2", "--set", "frames=3", "--out", str(tmp_path)]
-    assert main(script.EXPERIMENT, arguments) in (0, 1)
+    status = main(script.EXPERIMENT, arguments)
     folder = tmp_path / "two_contacts"
     for name in ("metrics.json", "log.npz", "figure.png", "replay.html", "scenario.yaml"):
         assert (folder / name).stat().st_size > 0
     log = np.load(folder / "log.npz")
     assert len(log["link"]) == 4
     np.testing.assert_array_equal(log["link"][[0, 2]], log["other_link"][[1, 3]])
-    names = json.dumps(json.loads((folder / "metrics.json").read_text()))
-    assert "both_found" in names
+    document = json.loads((folder / "metrics.json").read_text())
+    assert status == {"pass": 0, "fail": 1}[document["verdict"]]
+    assert document["metrics"]["both_found"] == np.mean(log["error"] < NEVER)
 
 
 def test_same_seed_gives_the_same_scenes():

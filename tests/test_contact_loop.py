@@ -1,5 +1,10 @@
 """The closed loop of Section 7 without rendering: the contact point comes from the plant, right or wrong on purpose."""
 
+import importlib.util
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -23,6 +28,7 @@ from saphari_drake.simulation.cell import add_cell, contact_truth
 from saphari_drake.simulation.human_hand import HumanHand, Push
 from saphari_drake.simulation.recorder import Recorder
 
+SCRIPT = Path(__file__).parents[1] / "diagrams" / "contact_impedance.py"
 HOME = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
 
 
@@ -92,6 +98,9 @@ def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     recorder.add("torque", controller.GetOutputPort("torque_commanded"), "Nm")
     recorder.add("mode", monitor.GetOutputPort("mode"), "1")
     recorder.add("contact", detector.GetOutputPort("contact"), "1")
+    recorder.add("active_link", monitor.GetOutputPort("active_contact"), "index", lambda point: [point.link])
+    recorder.add("contact_position", controller.GetOutputPort("contact_position"), "m")
+    recorder.add("torque_excess", controller.GetOutputPort("torque_excess"), "Nm")
     recorder.add("contact_force", force.GetOutputPort("contact_force"), "N")
     recorder.add(
         "contact_truth", cell.plant.get_contact_results_output_port(), "N", lambda r: contact_truth(r, cell), 7
@@ -102,16 +111,37 @@ def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     return robot, recorder.log(diagram, simulator.get_context())
 
 
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("contact_impedance", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["contact_impedance"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def judged(script, case, robot, pushes, log):
+    """Return the metrics that the script has for a case, by name, with its bounds."""
+    setup = SimpleNamespace(scenario=script.scenario_for(case), robot=robot, pushes=pushes, recorded=None)
+    return {metric.name: metric for metric in script.judged(setup, log)}
+
+
 @pytest.mark.parametrize("M_d", [[], [20.0, 3.0, 10.0]], ids=["natural", "chosen"])
-def test_the_arm_yields_by_force_over_stiffness_and_comes_back(M_d):
-    """In balance Δx = F/K_p along the push; after the release the point returns to where it was touched."""
+def test_the_arm_yields_by_force_over_stiffness_and_comes_back(script, M_d):
+    """In balance Δx = F/K_p along the push; then the point returns to where it was touched, as the script asks.
+
+    The point is exact here: force and deflection are within half of what the script allows.
+    """
     push = Push("link_6", direction=[0.0, 0.0, -1.0], start=0.1, hold=2.4)
     robot, log = run([push], duration=4.5, M_d=M_d)
+    metrics = judged(script, "modified", robot, [push], log) | judged(script, "natural", robot, [push], log)
+    bounded = {name for name, metric in metrics.items() if np.isfinite(metric.low) or np.isfinite(metric.high)}
+    alone = {name for name in bounded if name.startswith("return_time")}  # of three pushes
+    assert bounded >= {"force_error_relative", "deflection_error_relative", "position_error_final_m"}
+    assert [name for name in bounded - alone if not metrics[name].met] == []
     (touch,) = judge.find_touches(log, robot, [push])
     assert judge.force_error(log, touch) < 0.05
     assert judge.deflection_error(log, robot, touch, np.full(3, 500.0)) < 0.05
-    assert judge.position_error_final(log, robot, touch) < 0.002
-    assert judge.detection_delay(log, touch) <= 0.05
     assert np.abs(np.diff(log["torque"], axis=0)).max() < 6.0  # Nm a cycle, impact and transitions included
 
 

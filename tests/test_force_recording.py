@@ -2,7 +2,6 @@
 
 import builtins
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -199,12 +198,51 @@ def test_resample_interpolates_or_holds_and_is_zero_outside(tmp_path):
     np.testing.assert_allclose(recording.resample(at)[:, 2], [0.0, -2.0, -2.0, -2.0, 0.0])
 
 
-def test_recording_of_a_person():
-    """All runs of a published recording can be read, and their fitted rates agree."""
-    pytest.importorskip("scipy")
-    given = os.environ.get("SAPHARI_FORCE_RECORDING", "")
-    if not Path(given).is_file():
-        pytest.skip("set SAPHARI_FORCE_RECORDING to symbol_17.mat of the Panda co-manipulation data to run this")
-    runs = [read_force_recording(given, index=i) for i in range(count_runs(given))]
+def guided_runs(path, seed=0):
+    """Write six runs as a robot's logger leaves them; return their forces before the defects.
+
+    Sampled at 1 kHz, of which one row in three is lost; position and velocity with noise; the force sensor slower, so
+    that about a third of its rows repeat the one before; and rows without a force, which a MATLAB file keeps as NaN.
+    """
+    rng, runs, forces = np.random.default_rng(seed), [], []
+    for count in (5520, 5472, 8646, 9636, 7704, 5524):
+        pos, vel = motion(0.001, 3 * count // 2, 2e-5, int(rng.integers(1000)))
+        kept = np.sort(rng.permuted(np.arange(3 * count // 2).reshape(-1, 3), axis=1)[:, :2], axis=None)
+        force = 3.0 * np.column_stack([np.sin(0.002 * kept), np.cos(0.0013 * kept), np.sin(0.0007 * kept)]) + 0.5
+        held = np.maximum.accumulate(np.where(rng.random(count) < 0.3, 0, np.arange(count)))
+        forces.append(force[held])
+        broken = forces[-1].T.copy()
+        broken[:, 1000:1020] = broken[1, 2000:2003] = np.nan
+        runs.append(dict(pos=pos[kept].T, vel=vel[kept].T, F=broken))
+    write_mat(path, runs)
+    return forces
+
+
+def test_recording_of_a_person(tmp_path):
+    """All runs of a file of the form in which co-manipulation is published: one rate, true forces, short gaps closed.
+
+    A file of this form named by SAPHARI_FORCE_RECORDING is read as well.
+    """
+    forces = guided_runs(tmp_path / "guided.mat")
+    runs = all_runs(tmp_path / "guided.mat")
+    assert [run.time.size for run in runs] == [len(force) for force in forces]
+    for run, force in zip(runs, forces):
+        assert run.time[1] == pytest.approx(0.0015, rel=0.01)
+        whole = np.ones(len(force), dtype=bool)
+        whole[1000:1020] = whole[2000:2003] = False
+        np.testing.assert_array_equal(run.force[whole], force[whole])
+        np.testing.assert_allclose(run.force, force, atol=0.05)
+    with pytest.raises(SensorError, match=r"row 1001 on for 0\.03"):
+        read_force_recording(tmp_path / "guided.mat", index=3, max_gap=0.02)
+    given = os.environ.get("SAPHARI_FORCE_RECORDING")
+    if given:
+        all_runs(given)
+
+
+def all_runs(path):
+    """Return all runs of a file, whose rates agree."""
+    runs = [read_force_recording(path, index=i) for i in range(count_runs(path))]
     periods = [run.time[1] for run in runs]
     assert len(runs) == 6 and np.ptp(periods) < 0.01 * np.mean(periods)
+    assert all(np.all(np.isfinite(run.force)) and np.ptp(run.force) > 1.0 for run in runs)
+    return runs

@@ -1,8 +1,9 @@
-"""diagrams/nmpc_manipulator.py and diagrams/nmpc_mobile_manipulator.py: short runs, outputs, statuses, judgement."""
+"""diagrams/nmpc_manipulator.py and diagrams/nmpc_mobile_manipulator.py: runs past obstacles, outputs, judgement."""
 
 import importlib.util
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from saphari_drake.simulation.nmpc_jobs import clearance, fixed_obstacles, point
 from saphari_drake.simulation.nmpc_run import NmpcRun, counts, stoppable_clearance, stops, timing
 
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
+NEAR = 0.05  # m; so close to the least distance, an obstacle has been reached
 FILES = ("metrics.json", "log.npz", "figure.png", "replay.html", "scenario.yaml")
 
 
@@ -52,8 +54,9 @@ def test_straight_way_of_the_arm_collides():
     goal[0] += np.deg2rad(60.0)
     p_WC = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, goal, np.zeros(7)))
     away = np.linalg.norm(p_WC[:, None] - job.obstacles(0.0).p_WO[None], axis=2)
-    assert away.min() < 0.1
-    assert away[-2:].min() > 0.2 and away[0].min() > 0.2
+    d_min = job.points[0].d_min
+    assert away.min() < 0.5 * d_min
+    assert away[-2:].min() > d_min and away[0].min() > d_min
     start = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, job.start, np.zeros(7)))
     assert clearance(start, job.points, job.obstacles(0.0)) > 0.0
     np.testing.assert_allclose(job.reference(3.0)[1], pose_of(job.robot, job.end_effector, goal)[1], atol=1e-12)
@@ -150,15 +153,21 @@ def test_stops_and_fallbacks_are_counted():
 # ---- the scripts ----------------------------------------------------------------------------------------------------
 
 
+def written(folder, case):
+    """Return metrics, bounds and log of a case, once all its files are there."""
+    for name in FILES:
+        assert (folder / case / name).stat().st_size > 0
+    document = json.loads((folder / case / "metrics.json").read_text())
+    return document["metrics"], document["bounds"], Log.load(folder / case / "log.npz")
+
+
 def test_manipulator_writes_all_files_and_meets_its_bounds(manipulator, tmp_path, capsys):
-    """A run to the pose: all bounds met, all files there, the clearance of every sample in the log."""
+    """A run to the pose, along an obstacle: all bounds met, all files there, the distance that of the log's samples."""
     arguments = ["--case", "both", "--duration", "5", "--out", str(tmp_path)]
     assert main(manipulator.EXPERIMENT, arguments) == 0, capsys.readouterr().out
-    for name in FILES:
-        assert (tmp_path / "both" / name).stat().st_size > 0
-    metrics = json.loads((tmp_path / "both" / "metrics.json").read_text())["metrics"]
-    log = Log.load(tmp_path / "both" / "log.npz")
-    assert metrics["min_distance_m"] == pytest.approx(log["distance"].min()) and metrics["min_distance_m"] >= 0.2
+    metrics, bounds, log = written(tmp_path, "both")
+    assert metrics["min_distance_m"] == pytest.approx(log["distance"].min())
+    assert metrics["min_distance_m"] < bounds["min_distance_m"][0] + NEAR
     np.testing.assert_allclose(np.diff(log.time), 1e-3, atol=1e-9)
     assert metrics["steps"] == 50
 
@@ -170,27 +179,73 @@ def test_a_missed_bound_is_status_1(manipulator, capsys):
 
 
 @pytest.mark.skipif(not EXAMPLES.is_dir(), reason="example-robot-data is not installed")
-def test_manipulator_takes_another_arm(manipulator, capsys):
-    """The Panda of example-robot-data keeps its distance with the same code."""
+def test_manipulator_takes_another_arm(manipulator, tmp_path, capsys):
+    """The Panda of example-robot-data reaches its pose with the same code and bounds, along an obstacle."""
     model = str(EXAMPLES / "panda_description" / "urdf" / "panda.urdf")
-    arguments = ["--case", "both", "--duration", "1.0", "--model", model]
-    arguments += ["--set", "job.d_min=0.15", "--set", "job.cell.geometry=false"]
-    assert main(manipulator.EXPERIMENT, arguments) in (0, 1), capsys.readouterr().err
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("min_distance_m")]
-    assert float(rows[0][1]) >= 0.15
+    arguments = ["--case", "both", "--duration", "5", "--model", model, "--set", "job.cell.geometry=false"]
+    assert main(manipulator.EXPERIMENT, [*arguments, "--out", str(tmp_path)]) == 0, capsys.readouterr().out
+    metrics, bounds, _ = written(tmp_path, "both")
+    assert metrics["min_distance_m"] < bounds["min_distance_m"][0] + NEAR
 
 
-@pytest.mark.parametrize("case", ["3", "human", "nonholonomic"])
-def test_mobile_manipulator_runs(mobile, case, tmp_path, capsys):
-    """The start of each kind of case: bounds met, files written; a platform that cannot slip does not."""
-    arguments = ["--case", case, "--duration", "0.8", "--out", str(tmp_path)]
-    assert main(mobile.EXPERIMENT, arguments) == 0, capsys.readouterr().out
-    for name in FILES:
-        assert (tmp_path / case / name).stat().st_size > 0
-    log = Log.load(tmp_path / case / "log.npz")
-    assert log["tip"][-1, 1] > 0.1  # it moves along the path
-    if case == "nonholonomic":
-        assert np.abs(log["slip"]).max() <= 1e-6
+def turned_about_z(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def later(job, begin):
+    """Return a mobile job from a time (s) on, with the platform where the end effector is on its path by then."""
+    R, p = job.reference(begin)
+    R_start, p_start = job.reference(0.0)
+    turn = R @ R_start.T
+    start = job.start.copy()
+    start[:2] = p[:2] + turn[:2, :2] @ (start[:2] - p_start[:2])
+    start[2] += np.arctan2(turn[1, 0], turn[0, 0])
+    return replace(job, start=start, reference=lambda time: job.reference(begin + time))
+
+
+def run_from(mobile, monkeypatch, case, begin, duration, folder, *assignments):
+    """Run a case of the mobile manipulator from a time of its job on; return its status."""
+    monkeypatch.setattr(mobile, "mobile_job", lambda *given: later(nmpc_mobile.mobile_job(*given), begin))
+    arguments = ["--case", case, "--duration", str(duration), "--out", str(folder)]
+    for text in (f"job.person.start={begin}", *assignments):
+        arguments += ["--set", text]
+    return main(mobile.EXPERIMENT, arguments)
+
+
+@pytest.mark.parametrize("case", ["3", "human", "human_seen"])
+def test_mobile_manipulator_passes_its_obstacles(mobile, monkeypatch, case, tmp_path, capsys):
+    """The stretch of the path with the obstacles, or the person, on it: bounds met, though they are reached."""
+    status = run_from(mobile, monkeypatch, case, 11.5, 4.5, tmp_path, "job.cell.watch.camera.renderer=raycast")
+    assert status == 0, capsys.readouterr().out
+    metrics, _, log = written(tmp_path, case)
+    assert metrics["min_clearance_m"] < 2 * NEAR
+    assert log["tip"][0, 1] < 2.5 and log["tip"][-1, 1] > 3.0
+
+
+def test_the_same_stretch_collides_if_nothing_is_done(mobile, monkeypatch, tmp_path):
+    """Without obstacle terms the robot runs into what case 3 passes; with the bound of case 3 it would fail."""
+    assert run_from(mobile, monkeypatch, "1", 11.5, 4.5, tmp_path) == 0
+    metrics, *_ = written(tmp_path, "1")
+    bound = {metric.name: metric for metric in judged_as(mobile, "3")}["min_clearance_m"].low
+    assert metrics["min_clearance_m"] < bound - NEAR
+
+
+def judged_as(mobile, case):
+    """Return the metrics of a short run of a case."""
+    scenario = mobile.scenario_for(case)
+    scenario.duration = 0.2
+    return mobile.run(scenario, RunOptions()).metrics
+
+
+def test_platform_that_cannot_slip_turns_along_its_path(mobile, monkeypatch, tmp_path, capsys):
+    """The stretch where the path moves sideways most: no slip in plant and command, within the script's bound."""
+    assert run_from(mobile, monkeypatch, "nonholonomic", 6.5, 6.0, tmp_path) == 0, capsys.readouterr().out
+    metrics, bounds, log = written(tmp_path, "nonholonomic")
+    for name in ("slip", "slip_commanded"):
+        assert np.abs(log[name]).max() == metrics[f"lateral_{name}"] <= bounds[f"lateral_{name}"][1]
+    assert np.ptp(log["position"][:, 2]) > 0.1  # rad
+    assert np.ptp(log["tip"][:, 0]) > 0.1  # m
 
 
 def test_person_is_seen_by_the_camera_alone(mobile):
@@ -200,7 +255,7 @@ def test_person_is_seen_by_the_camera_alone(mobile):
     scenario.job.cell.watch.camera.renderer = "raycast"
     outcome = mobile.run(scenario, RunOptions())
     names = {metric.name: metric.value for metric in outcome.metrics}
-    assert names["min_clearance_m"] > 0.0 and names["known_error_p95_m"] < 0.15
+    assert names["known_error_p95_m"] < 0.15 and names["unknown_share"] < 0.5
 
 
 def test_person_from_a_file(mobile, tmp_path, capsys):

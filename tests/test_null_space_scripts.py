@@ -52,6 +52,12 @@ def test_short_run_judges_every_case_and_draws(scripts, name, metric):
     assert text >= set(CASES)
 
 
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_the_experiment_meets_its_bounds(scripts, name, capsys):
+    """The whole contact, with the observer from the momentum: the script itself says that it passes."""
+    assert main(scripts[name].EXPERIMENT, ["--case", "momentum"]) == 0, capsys.readouterr().out
+
+
 def test_short_run_with_friction_and_payload(scripts):
     """All conditions are told apart; before the contact the observer has taken up the payload's weight."""
     outcome = scripts["null_space_robustness"].run(

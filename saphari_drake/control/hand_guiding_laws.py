@@ -6,9 +6,9 @@ Compiled, without BLAS; all arrays are float64 and contiguous.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product, symmetric_eigen
 from saphari_drake.robots.dynamics import DynamicsTerms
 

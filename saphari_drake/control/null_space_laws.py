@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product
 from saphari_drake.math.rotations import axis_rotation, skew
 from saphari_drake.math.task_space import (

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.control.priority_tasks import Bound, Component, FrameTask, Level, ScalarTask, Task
 from saphari_drake.errors import ModelError, ParameterError, StateError
 from saphari_drake.math.features import feature, feature_table, point_rows, rotation_error, world_point

@@ -7,7 +7,7 @@ says 0: h = 1 wherever (31) says 1.
 
 from __future__ import annotations
 
-from numba import njit
+from saphari_drake.compiled import njit
 
 # Steepest slope of the quintic, at a = 1/2.
 QUINTIC_SLOPE = 15.0 / 8.0

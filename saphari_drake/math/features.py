@@ -13,8 +13,8 @@ an index means, and the unit, depend on the kind::
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product
 
 JOINT, PLANE, DISTANCE, VIEW = 0, 1, 2, 3

@@ -9,9 +9,9 @@ to find.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product, symmetric_eigen
 
 Array = NDArray[np.float64]

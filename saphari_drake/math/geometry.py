@@ -8,8 +8,9 @@ A primitive has a kind, three sizes and a pose: a capsule and a cylinder lie alo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from saphari_drake.compiled import njit
 
 CAPSULE = 0
 CYLINDER = 1

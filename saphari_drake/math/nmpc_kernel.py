@@ -14,8 +14,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from saphari_drake.compiled import njit
 
 # A curved path leaves its chord by at most max ‖p̈‖ T_s²/8; ‖p̈‖ is bounded at the end of the interval, and this factor
 # covers its change over the interval.

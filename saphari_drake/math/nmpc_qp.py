@@ -14,7 +14,8 @@ D = 1/ρ for soft rows.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from saphari_drake.compiled import njit
 
 _TOLERANCE = 1.0e-9
 _DEPENDENT = 1.0e-10

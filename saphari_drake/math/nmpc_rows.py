@@ -19,8 +19,8 @@ solution with them. The SQP guesses β from its last step, and solves again with
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.nmpc_kernel import CURVATURE_FACTOR, PAD, Rows
 
 

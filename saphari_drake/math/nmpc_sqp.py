@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.nmpc_kernel import Multipliers, evaluate, no_multipliers
 from saphari_drake.math.nmpc_qp import solve_qp
 from saphari_drake.math.nmpc_rows import Rows, distance_rows, kept_distances, slip_rows, violation

@@ -14,8 +14,8 @@ the others push is found as well: (32), applied one after the other, lets the la
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.activation import position_activation, velocity_activation
 from saphari_drake.math.products import apply, product
 from saphari_drake.math.small_solvers import bounded_multipliers, cholesky, solve_lower, solve_upper

@@ -7,7 +7,8 @@ slower at these sizes.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from saphari_drake.compiled import njit
 
 
 @njit(cache=True)

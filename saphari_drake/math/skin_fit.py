@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.skin_bell import bell_share
 from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from saphari_drake.compiled import njit
 
 _POINTS = 400
 _GOLDEN = 2.399963229728653  # rad, turn from one point of a sunflower to the next

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from saphari_drake.compiled import njit
 
 _MAX_PASSES = 200
 _TOLERANCE = 1e-11

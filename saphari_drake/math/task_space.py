@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product, symmetric_eigen
 from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
 

@@ -16,7 +16,8 @@ ICRA 2009, who need it for the residual).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from saphari_drake.compiled import njit
 
 # Products are written out: numba's own call BLAS through SciPy, and are slower at this size.
 

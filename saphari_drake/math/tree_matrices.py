@@ -8,8 +8,8 @@ Numerical Methods to Compute the Coriolis Matrix and Christoffel Symbols for Rig
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product
 from saphari_drake.math.rotations import skew
 

@@ -8,10 +8,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 
+from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.geometry import nearest_surface_point
 from saphari_drake.math.tree import tree_kinematics

@@ -8,8 +8,8 @@ border of `BORDER` pixels, so that windows need no checks.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.geometry import BOX, CAPSULE
 
 BORDER = 4  # pixels; also the reach of growth and more than half a support window

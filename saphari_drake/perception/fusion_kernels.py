@@ -6,8 +6,8 @@ All costs are −2 log of a likelihood, so that they add up; points and vectors 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
 
 # Candidates whose free least squares costs so much more than the best one's, or than that of so many others, decide

@@ -8,8 +8,8 @@ axis comes nearest to the robot: over a part of its length, as the centre of tha
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import tangents
 from saphari_drake.math.geometry import surface_point_local
 from saphari_drake.math.products import symmetric_eigen

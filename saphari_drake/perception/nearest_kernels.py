@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.geometry import nearest_surface_point, surface_point_local
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.perception.distance_kernels import BORDER
 
 SUPPORT = 2  # pixels; the support window is 5 × 5

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import tangents
 from saphari_drake.math.geometry import nearest_surface_point
 from saphari_drake.perception.fusion_kernels import touch_cost

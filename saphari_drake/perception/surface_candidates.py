@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.geometry import BOX, CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.math.tree import tree_kinematics
