@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.simulation import guiding_analysis as judge
 from saphari_drake.simulation.experiment import main
 from saphari_drake.simulation.force_recording import read_force_recording
 from saphari_drake.simulation.guiding_run import GuidingRecordingParameters, GuidingRuns
@@ -92,9 +91,10 @@ def test_a_short_run_is_judged(script):
     scenario.body.pulls = [script.Pull(1.2, 1.2, 0.4, [1.0, 1.0, -5.0])]
     runs = GuidingRuns(scenario, script.SYNTHETIC)
     result, alone = runs.get(), runs.get(0.0)
-    assert judge.main_task_disturbance(result, alone) < 0.02
-    error, distance = judge.skin_errors(result)
-    assert np.sqrt(np.mean(error**2)) < 0.05
-    assert np.sqrt(np.mean(distance**2)) < 0.005
+    metrics = {metric.name: metric for metric in script.judged(result, alone, result)}
+    for name in ("main_task_disturbance", "skin_force_error_relative", "skin_point_error_m", "skin_missed_share"):
+        assert metrics[name].met, name
+    assert metrics["skin_touches"].value == 1
+    assert len(result.fast.time) == 2601 and metrics["joint_speed_share_max"].met
     figure = script.forces_and_velocities(result, alone, "title")
     assert len(figure.axes) == 4
