@@ -77,6 +77,7 @@ EXPERIMENT = Experiment(
     run=run,
     build_diagram=build_diagram,
     accepts_model=True,
+    seedless=frozenset(CASES),
 )
 
 if __name__ == "__main__":

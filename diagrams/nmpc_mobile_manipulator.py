@@ -18,8 +18,8 @@ CASES = {
     "2": "six obstacles in the objective",
     "3": "six obstacles in the objective and in the constraints",
     "nonholonomic": "a platform that cannot slip sideways, on a path that moves sideways",
-    "human": "a person who reaches across the path, told to the controller",
-    "human_seen": "the same person, seen by a depth camera alone",
+    "human": "a person who reaches across the path; the controller is told where the person is",
+    "human_seen": "the same person; the controller knows what a depth camera sees, and nothing else",
 }
 
 
@@ -28,7 +28,7 @@ class MobileScenario:
     """Everything a run depends on."""
 
     case: str = "3"
-    # Seed of the camera's noise.
+    # Seed of the camera's noise, in the case human_seen.
     seed: int = 0
     # s; simulated time: 300 control steps.
     duration: float = 30.0
@@ -79,6 +79,7 @@ EXPERIMENT = Experiment(
     scenario_for=scenario_for,
     run=run,
     build_diagram=build_diagram,
+    seedless=frozenset(CASES) - {"human_seen"},
 )
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from saphari_drake.simulation.null_space_run import (
     Run,
     Runs,
     build,
+    limits,
     replay,
     require_dwell,
     speed,
@@ -76,7 +77,7 @@ def judged(result: Run, reference: Run) -> list[Metric]:
         Metric("peak_force_N", float(force.max()), "N"),
         Metric("dwell_force_N", float(force[dwell].mean()), "N"),
         Metric("residual_error_Nm", float(np.abs(estimate.mean(axis=0)).max()), "Nm"),
-        Metric("torque_excess_max_Nm", float(np.abs(log["torque_excess"]).max()), "Nm"),
+        *limits(result),
         *speed(result),
     ]
 

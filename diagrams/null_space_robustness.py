@@ -21,6 +21,7 @@ from saphari_drake.simulation.null_space_run import (
     Run,
     Runs,
     build,
+    limits,
     replay,
     require_dwell,
     speed,
@@ -86,7 +87,12 @@ def run(scenario: RobustnessScenario, options: RunOptions) -> Outcome:
 
     last = runs["both"]
     title = f"Null-space compliance with friction and payload: {scenario.case}"
-    return Outcome([*metrics, *speed(*runs.values())], last.log, draw, lambda path: replay(last, path, title))
+    return Outcome(
+        [*metrics, *limits(*runs.values()), *speed(*runs.values())],
+        last.log,
+        draw,
+        lambda path: replay(last, path, title),
+    )
 
 
 def judged(name: str, result: Run) -> list[Metric]:

@@ -14,6 +14,7 @@ from saphari_drake.simulation.null_space_run import (
     Run,
     Runs,
     build,
+    limits,
     replay,
     speed,
 )
@@ -67,7 +68,7 @@ def judged(result: Run, free: Run, reference: Run) -> list[Metric]:
         Metric("peak_force_N", force.max(), "N"),
         Metric("contact_time_s", float(np.sum(force > 0.0)) * float(np.diff(result.log.time[:2])[0]), "s", low=1.0),
         Metric("joint_displacement_max_rad", float(away), "rad"),
-        Metric("torque_excess_max_Nm", float(np.abs(result.log["torque_excess"]).max()), "Nm"),
+        *limits(result),
         *speed(result),
     ]
 

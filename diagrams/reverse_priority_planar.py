@@ -33,7 +33,7 @@ CASES = {
     "constrained": "y at the end of link 4 kept in ±0.5 m: upper bound hard, lower bound soft",
     "soft_off": "the hard upper bound alone",
     "unconstrained": "the end-effector task alone",
-    "three_level": "LWR4 with torques: joint limits and a moving person, a path, a soft elbow region",
+    "three_level": "LWR4 with torques: joint limits and a person whose place it is told, a path, a soft elbow region",
 }
 
 
@@ -42,7 +42,7 @@ class ReversePriorityScenario:
     """Everything a run depends on."""
 
     case: str = "constrained"
-    # Seed of everything random.
+    # Seed of the person's motion in the case three_level; nothing else is random.
     seed: int = 0
     # s; simulated time. The planar path ends with its rest at the second goal.
     duration: float = 26.1
@@ -50,7 +50,7 @@ class ReversePriorityScenario:
     robot: str = "planar_6r"
     # The planar cases.
     planar: PlanarParameters = field(default_factory=PlanarParameters)
-    # The case three_level; the person's motion follows the seed.
+    # The case three_level.
     arm: ThreeLevelParameters = field(default_factory=ThreeLevelParameters)
 
 
@@ -118,6 +118,7 @@ EXPERIMENT = Experiment(
     scenario_for=scenario_for,
     run=run,
     build_diagram=build_diagram,
+    seedless=frozenset(CASES) - {"three_level"},
 )
 
 if __name__ == "__main__":

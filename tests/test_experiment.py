@@ -17,7 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from saphari_drake.errors import ParameterError, SensorError
+from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
 from saphari_drake.parameters import require_positive
 from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
 from saphari_drake.simulation.figures import Panel, time_panels
@@ -177,6 +177,20 @@ def test_partial_scenario_applies_to_every_case(tmp_path, capsys):
 def test_list_cases(capsys):
     assert main(toy(), ["--list-cases"]) == 0
     assert capsys.readouterr().out.splitlines() == ["soft   A soft spring.", "stiff  A stiff spring."]
+
+
+def test_a_case_without_chance_says_so(tmp_path, capsys):
+    """In the list, in the heading of its table, and in metrics.json; the other case has another seed's numbers."""
+    experiment = toy(seedless=frozenset({"stiff"}))
+    assert main(experiment, ["--list-cases"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == "stiff  A stiff spring.; a seed changes nothing"
+    assert main(experiment, ["--out", str(tmp_path)]) == 0
+    assert "toy / stiff: A stiff spring.; a seed changes nothing" in capsys.readouterr().out
+    documents = {case: json.loads((tmp_path / case / "metrics.json").read_text()) for case in ("soft", "stiff")}
+    assert documents["soft"]["seed_matters"] and documents["stiff"]["seed_matters"] is False
+    assert documents["stiff"]["verdict"] == "pass"
+    with pytest.raises(UnknownNameError, match="no case 'hard'"):
+        toy(seedless=frozenset({"hard"}))
 
 
 def test_help_shows_examples(capsys):

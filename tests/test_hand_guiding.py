@@ -215,6 +215,23 @@ def test_the_second_hand_does_not_disturb_the_first(lwr4, body_first, scale):
     assert pair.outputs[-1].priority == (GuidingPriority.BODY if body_first else GuidingPriority.END_EFFECTOR)
 
 
+def test_the_force_fed_forward_is_smoothed(lwr4):
+    """A step of the hand's force reaches the torque with the time constant asked for; a lost sensor keeps it."""
+    terms = evaluate_dynamics(lwr4, HOME, np.zeros(7))
+    wrench = np.array([0.0, 0.0, 0.0, 1.0, 2.0, 0.5])
+    fed = {}
+    for time in (0.0, 0.02):
+        guiding = HandGuiding(lwr4, HandGuidingParameters(tip_point=TIP.tolist(), force_time=time))
+        state = guiding.start(terms)
+        for _ in range(10):  # 20 ms
+            state, _ = guiding.step(state, terms, SkinReading(stamp=state.now), wrench)
+        fed[time] = state.torque
+    np.testing.assert_allclose(fed[0.0], terms.point(6, TIP).Jv_WC.T @ wrench[3:], atol=1e-12)
+    np.testing.assert_allclose(fed[0.02], (1.0 - np.exp(-1.0)) * fed[0.0], atol=1e-12)
+    state, _ = guiding.step(state, terms, SkinReading(status=SkinStatus.LOST, stamp=state.now), wrench)
+    np.testing.assert_array_equal(state.torque, fed[0.02])
+
+
 def test_priority_goes_to_the_hand_that_stays(lwr4):
     """The first one touched keeps it through a moment of small force, and loses it when it is let go."""
     robot = Guided(lwr4)

@@ -28,7 +28,7 @@ def test_motion_between_cycles_is_exact(servo, damping):
     K, D = servo or (0.0, 0.0)
     F = np.array([[0.0, 1.0], [-K - k / 2.0, -D - damping / 2.0]])
     drive = np.linalg.solve(F, expm(F * T) - np.eye(2)) @ [0.0, 1.0]
-    x = np.random.default_rng(0).standard_normal(8)
+    x = np.random.default_rng(0).standard_normal(9)
     following = A @ x
     u = (following[:2] - expm(F * T) @ x[:2]) @ drive / (drive @ drive)
     np.testing.assert_allclose(following[:2], expm(F * T) @ x[:2] + drive * u, atol=1e-9)
@@ -47,6 +47,18 @@ def test_the_default_gains_hold_with_hands_from_100_to_3000():
             ):
                 for k in np.geomspace(100.0, 3000.0, 8):
                     assert growth(loop, point.mass[0], point.damping[0], k) < 0.0
+
+
+def test_a_force_that_is_smoothed_before_it_is_fed_forward_costs_stiffness():
+    """The gains of skin_hand_guiding hold with hands of up to 2000 N/m on a wrist of 0.1 kg, and of 3000 on 0.3 kg."""
+
+    def stiffest(arm_mass, **changes):
+        params = HandGuidingParameters(K_P=6400.0, K_D=160.0, **changes)
+        return max_hand_stiffness(GuidingLoop(params, arm_mass, differentiated=False), 5.0, 30.0)
+
+    assert 2000.0 < stiffest(0.1, force_time=0.005) < 0.5 * stiffest(0.1)
+    assert stiffest(0.3, force_time=0.005) > 3000.0
+    assert stiffest(0.1, force_time=0.01) < stiffest(0.1, force_time=0.005)
 
 
 def test_table_and_bound_agree_and_delay_costs_stiffness():

@@ -46,6 +46,11 @@ def test_short_run_judges_every_case_and_draws(scripts, name, metric):
         outcome = script.run(short(script.scenario_for(case)), RunOptions())
         values = {m.name: m.value for m in outcome.metrics}
         assert np.all(np.isfinite(list(values.values())))
+        run = script.RUNS.get(short(script.scenario_for(case)))
+        assert len(run.fast.time) == 721  # every step of the plant
+        fastest = np.abs(run.fast["velocity"] / run.setup.robot.v_max).max()
+        assert values["joint_speed_share_max"] == pytest.approx(fastest) and fastest > 0.0
+        assert values["torque_excess_max"] == 0.0
         errors[case] = values[metric]
     assert max(errors, key=errors.get) == "none"
     text = {label.get_text() for ax in outcome.draw().axes for label in ax.get_legend().get_texts()}
@@ -66,6 +71,7 @@ def test_short_run_with_friction_and_payload(scripts):
     values = {m.name: m.value for m in outcome.metrics}
     assert np.all(np.isfinite(list(values.values())))
     assert values["exact_dwell_absorbed_N"] < 0.5 < values["payload_dwell_absorbed_N"]
+    assert 0.0 < values["joint_speed_share_max"] < 1.0 and values["torque_excess_max"] == 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -71,9 +71,21 @@ def test_wrong_use_is_named():
         Recorder(builder, 0.1).log(None, None)
 
 
+def test_two_recorders_of_different_periods_may_log_the_same_name():
+    builder, recorder, toucher = build()
+    fast = Recorder(builder, 0.01)
+    for each in (recorder, fast):
+        each.add("tip", toucher.get_output_port(), "m", lambda value: value.p_LC, size=3)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.355)
+    logs = [each.log(diagram, simulator.get_context()) for each in (recorder, fast)]
+    assert [len(log.time) for log in logs] == [4, 36]
+
+
 def test_wrong_size_of_extract_is_named():
     builder, recorder, toucher = build()
     recorder.add("bad", toucher.get_output_port(), extract=lambda value: value.p_LC, size=2)
     simulator = Simulator(builder.Build())
-    with pytest.raises(ParameterError, match=r"record bad: extract gave 3 numbers, 2 are declared"):
+    with pytest.raises(ParameterError, match=r"record bad every 0.1 s: extract gave 3 numbers, 2 are declared"):
         simulator.AdvanceTo(0.1)

@@ -93,7 +93,9 @@ def test_a_short_run_is_judged(script):
     result, alone = runs.get(), runs.get(0.0)
     metrics = {metric.name: metric for metric in script.judged(result, alone, runs.get(script.STRONGER))}
     bounded = {name for name, metric in metrics.items() if np.isfinite(metric.low) or np.isfinite(metric.high)}
-    assert bounded >= {"main_task_disturbance", "skin_force_error_relative", "skin_point_error_m"}
+    assert bounded >= {"main_task_disturbance", "skin_force_error_relative", "skin_point_error_m", "skin_missed_share"}
     assert [name for name in bounded if metrics[name].decides and not metrics[name].met] == []
+    assert metrics["skin_touches"].value == 1
+    assert len(result.fast.time) == 2601 and metrics["joint_speed_share_max"].met
     figure = script.forces_and_velocities(result, alone, "title")
     assert len(figure.axes) == 4

@@ -70,6 +70,9 @@ class HandGuidingParameters:
     release_time: float = 0.2
     # s; time over which a change of the law fades in.
     fade_time: float = 0.06
+    # s; smoothing of the forces' torque that (47) feeds forward (0: none): their noise shakes a light wrist, a lag
+    # lowers the stiffness of hands that it is stable with.
+    force_time: float = 0.0
     # s; smoothing of the contact point on the skin.
     point_time: float = 0.1
     # s; a reading of the skin older than this counts as lost.
@@ -96,7 +99,7 @@ class HandGuidingParameters:
             "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag", "max_acceleration",
             "max_deceleration", "release_time", "period",
         )  # fmt: skip
-        require_non_negative(self, "joint_margin", "partial_share")
+        require_non_negative(self, "force_time", "joint_margin", "partial_share")
         require_choice(self, "feedback", FEEDBACK)
         if np.shape(self.tip_point) != (3,) or not np.all(np.isfinite(self.tip_point)):
             raise ParameterError("tip_point", f"needs three finite numbers, got {self.tip_point}")

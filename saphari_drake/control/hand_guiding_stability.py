@@ -54,7 +54,8 @@ def transition_matrix(loop: GuidingLoop, mass: float, damping: float, stiffness:
     """Return the matrix that takes the loop from one control cycle to the next.
 
     Along one axis the law (47)–(50) is linear. The state is position and velocity of the point, the position of the
-    cycle before, commanded and desired position and velocity, and the forces under way to the controller.
+    cycle before, commanded and desired position and velocity, the force that is fed forward, the filtered one and those
+    under way to the controller.
 
     Parameters
     ----------
@@ -67,16 +68,18 @@ def transition_matrix(loop: GuidingLoop, mass: float, damping: float, stiffness:
     p = loop.params
     T, m, k, d = p.period, loop.arm_mass, stiffness, loop.hand_damping
     commanded = p.feedback == "commanded" or loop.servo is not None
-    share, filtering = T * damping / (mass + T * damping), math.exp(-T / loop.force_lag) if loop.force_lag else 0.0
-    size = 8 + loop.force_delay
+    share = T * damping / (mass + T * damping)
+    filtering, smoothing = (math.exp(-T / time) if time > 0.0 else 0.0 for time in (loop.force_lag, p.force_time))
+    size = 9 + loop.force_delay
     A = np.zeros((size, size))
     for column in range(size):
         unit = np.zeros(size)
         unit[column] = 1.0
-        x, v, before, x_c, v_c, p_d, v_d, filtered, *queue = unit
+        x, v, before, x_c, v_c, p_d, v_d, fed, filtered, *queue = unit
         force = filtering * filtered + (1.0 - filtering) * (-k * x - d * v)
         queue = [force, *queue]
         used = queue.pop()
+        fed = smoothing * fed + (1.0 - smoothing) * used
         v_m = (x - before) / T if loop.differentiated else v
         v_d_next = v_d + share * (used / damping - v_d)
         x_a, v_a = (x_c, v_c) if commanded else (x, v_m)
@@ -84,12 +87,12 @@ def transition_matrix(loop: GuidingLoop, mass: float, damping: float, stiffness:
         v_c_next = v_c + T * a
         x_c_next = x_c + 0.5 * T * (v_c + v_c_next)
         if loop.servo is None:
-            push = m * (a + p.K_D * (v_c - v_m) + p.K_P * (x_c - x)) - used
+            push = m * (a + p.K_D * (v_c - v_m) + p.K_P * (x_c - x)) - fed
             state = _move(x, v, (k / m, d / m), push / m, T)
         else:
             K, D = loop.servo
             state = _move(x, v, (K + k / m, D + d / m), K * x_c_next + D * v_c_next, T)
-        A[:, column] = [*state, x, x_c_next, v_c_next, p_d + 0.5 * T * (v_d + v_d_next), v_d_next, force, *queue]
+        A[:, column] = [*state, x, x_c_next, v_c_next, p_d + 0.5 * T * (v_d + v_d_next), v_d_next, fed, force, *queue]
     return A
 
 

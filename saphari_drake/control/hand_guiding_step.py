@@ -50,7 +50,7 @@ class GuidingState(Immutable):
     fade_below : bool
         Whether it belongs to the null space of the main point.
     torque, weight : (n,) array, float
-        Torque of the measured forces when last known, and the share of it that is fed forward.
+        Torque of the measured forces, smoothed, when last known, and the share of it that is fed forward.
     now : float
         Nominal time at which this cycle began (s).
     fresh : bool
@@ -136,6 +136,7 @@ class HandGuiding:
         margin = params.joint_margin
         self._limits = robot.q_min + margin, robot.q_max - margin, params.joint_speed_share * robot.v_max
         self._fading = float(np.exp(-params.period / params.fade_time))
+        self._following = 1.0 - float(np.exp(-params.period / params.force_time)) if params.force_time > 0.0 else 1.0
         self._smoothing = 1.0 - float(np.exp(-params.period / params.point_time))
 
     def start(self, terms: DynamicsTerms, fresh: bool = False) -> GuidingState:
@@ -203,7 +204,7 @@ class HandGuiding:
         if params.feedback == "measured":  # with torques at their limits the command must not run away
             q_next = terms.q + np.clip(q_next - terms.q, -params.max_lag, params.max_lag)
         p_d, v_d = self._advance(state, points, law, v_next, v_next - v_asked)
-        torque_known = sensed.torque if sensed.valid else state.torque
+        torque_known = state.torque + self._following * (sensed.torque - state.torque) if sensed.valid else state.torque
         weight = 1.0 - self._fading * (1.0 - state.weight) if sensed.valid else self._fading * state.weight
         torque = tracking_torque(terms, state.q, state.v, a, params.K_P, params.K_D, params.coriolis)
         torque, excess = limit_torque(torque - weight * torque_known, self.robot.tau_max)

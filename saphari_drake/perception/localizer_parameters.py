@@ -37,8 +37,8 @@ class LocalizerParameters:
     thickness: float = 1.5
     least_thickness: float = 0.0065
     most_thickness: float = 0.019
-    # A limb is fitted to the readings within this distance of their nearest place (m, > 0). It counts if its radius is no
-    # smaller than this (m, > 0) and it touches the robot within two deviations of this (m, > 0), and is tried if the
+    # A limb is fitted to the readings within this distance of their nearest place (m, > 0). It counts if its radius is
+    # no smaller than this (m, > 0) and it touches the robot within two deviations of this (m, > 0), and is tried if the
     # nearest reading is no farther than this (m, > 0). Softness of a limb (m, > 0).
     limb_reach: float = 0.12
     limb_radius: float = 0.020

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
 import shutil
 import subprocess
@@ -72,6 +73,8 @@ class Experiment:
         Returns the diagram of a scenario, to be drawn.
     accepts_model : bool
         Whether another robot may be given.
+    seedless : frozenset of str
+        Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     """
 
     name: str
@@ -81,6 +84,16 @@ class Experiment:
     run: Callable[[Any, RunOptions], Outcome]
     build_diagram: Callable[[Any], Diagram] | None = None
     accepts_model: bool = False
+    seedless: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for case in self.seedless:
+            if case not in self.cases:
+                raise UnknownNameError("case", case, self.cases)
+
+    def described(self, case: str) -> str:
+        """Return what a case is, and whether a seed changes nothing in it."""
+        return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
 
 def advance(simulator: Simulator, duration: float, label: str = "") -> float:
@@ -133,7 +146,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     options = parser(experiment.name, experiment.summary, experiment.cases, experiment.accepts_model).parse_args(argv)
     if options.list_cases:
         width = max(len(case) for case in experiment.cases)
-        say("\n".join(f"{case:<{width}}  {text}" for case, text in experiment.cases.items()))
+        say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
         return PASSED
     scenarios = _scenarios(experiment, options)
     if options.graphviz is not None:
@@ -169,11 +182,18 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> boo
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
-    heading = f"{experiment.name} / {scenario.case}: {experiment.cases[scenario.case]}"
+    heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if options.out is not None:
         write_outputs(options.out, outcome, tree)
+        _note_seed(options.out / "metrics.json", scenario.case not in experiment.seedless)
     return outcome.passed
+
+
+def _note_seed(path: Path, matters: bool) -> None:
+    """Add to metrics.json whether another seed would give other numbers."""
+    document = json.loads(path.read_text()) | {"seed_matters": matters}
+    write_text(path, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:

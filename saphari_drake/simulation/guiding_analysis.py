@@ -11,6 +11,7 @@ from saphari_drake.errors import SensorError
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.guiding_run import GuidingRun
+from saphari_drake.simulation.guiding_touches import SkinTouch, skin_touches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,16 +68,11 @@ def main_task_disturbance(run: GuidingRun, alone: GuidingRun) -> float:
     return float(difference / np.linalg.norm(v_alone, axis=1).max())
 
 
-def skin_errors(run: GuidingRun) -> tuple[Array, Array]:
-    """Return ‖F̂ − F‖/‖F‖ and the distance of the contact point (m) of all samples with a touch of the body, (k,)."""
-    force, skin = true_force(run, 1), run.log["skin"]
-    size = np.linalg.norm(force, axis=1)
-    rows = (size > run.setup.scenario.system.controller.body.touch_on) & np.any(skin != 0.0, axis=1)
-    if not np.any(rows):
-        raise SensorError("nobody touches the skin")
-    estimated = run.log["force"][rows, 3:]
-    error = np.linalg.norm(estimated - force[rows], axis=1) / size[rows]
-    return error, np.linalg.norm(skin[rows, :3] - run.setup.grips[1].p_LC, axis=1)
+def touches_of(run: GuidingRun) -> list[SkinTouch]:
+    """Return what the skin says of each touch of the body."""
+    point, grip = run.setup.scenario.system.controller.body, run.setup.grips[1]
+    estimated, p_LC = run.log["force"][:, 3:], np.asarray(grip.p_LC, dtype=float)
+    return skin_touches(true_force(run, 1), estimated, run.log["skin"], p_LC, point.touch_on, point.touch_off)
 
 
 def secondary_realised(run: GuidingRun) -> float:

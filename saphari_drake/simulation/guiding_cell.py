@@ -76,6 +76,7 @@ class GuidingCell:
     controller: HandGuidingController
     skin: SkinEstimator
     force_sensor: ForceTorqueSensor
+    torque_excess: OutputPort  # of the system that drives the joints
 
 
 def add_guided_robot(
@@ -141,11 +142,11 @@ def add_guiding_cell(
     )
     for source, output, target, target_port in wires:
         builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_port))
-    if params.interface == "torque":
-        builder.Connect(controller.GetOutputPort("torque_commanded"), torque_input)
-    else:
-        servo = add("position_servo", JointPositionServo(robot, params.servo))
+    driving = controller
+    if params.interface == "position":
+        servo = driving = add("position_servo", JointPositionServo(robot, params.servo))
         builder.Connect(state, servo.GetInputPort("state"))
         builder.Connect(controller.GetOutputPort("position_commanded"), servo.GetInputPort("position_commanded"))
-        builder.Connect(servo.GetOutputPort("torque_commanded"), torque_input)
-    return GuidingCell(robot, plant, scene_graph, instance, state, layout, hands, controller, skin, wrist)
+    builder.Connect(driving.GetOutputPort("torque_commanded"), torque_input)
+    excess = driving.GetOutputPort("torque_excess")
+    return GuidingCell(robot, plant, scene_graph, instance, state, layout, hands, controller, skin, wrist, excess)

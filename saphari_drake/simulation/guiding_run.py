@@ -126,7 +126,8 @@ class GuidingSetup:
     grips: list[Grip]
     diagram: Diagram
     cell: GuidingCell
-    recorder: Recorder
+    recorder: Recorder  # every cycle
+    fast_recorder: Recorder  # every step of the plant
 
 
 @dataclass
@@ -135,6 +136,7 @@ class GuidingRun:
 
     setup: GuidingSetup
     log: Log
+    fast: Log  # velocity and torque_excess at every step of the plant
     wall: float  # s
 
 
@@ -150,10 +152,12 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
     cell = add_guiding_cell(builder, robot, grips, system, layout, skin_calibration(layout, system))
-    recorder = record(builder, cell, system.controller.period)
+    recorder, fast = record(builder, cell, system.controller.period), Recorder(builder, system.time_step)
+    fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fast.add("torque_excess", cell.torque_excess, "Nm")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
-    return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder)
+    return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 
 
 def _grips(
@@ -191,10 +195,11 @@ def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorde
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
     recorder.add("skin", cell.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {
-        "torque_commanded": "Nm", "torque_excess": "Nm", "priority": "GuidingPriority", "status": "GuidingStatus",
+        "torque_commanded": "Nm", "priority": "GuidingPriority", "status": "GuidingStatus",
         "force": "N", "velocity_desired": "m/s", "acceleration_desired": "m/s²", "rank": "1",
         "unreachable_force": "N", "position_commanded": "rad",
     }  # fmt: skip
+    recorder.add("torque_excess", cell.torque_excess, "Nm")
     for name, unit in units.items():
         recorder.add(name, cell.controller.GetOutputPort(name), unit)
     return recorder
@@ -226,6 +231,7 @@ class GuidingRuns:
             simulator.Initialize()
             words = {0.0: "without the second hand", 1.0: ""}.get(second_scale, f"second force × {second_scale:g}")
             wall = advance(simulator, scenario.duration, f"{scenario.case} {words}".strip())
-            log = setup.recorder.log(setup.diagram, simulator.get_context())
-            self._done[second_scale] = GuidingRun(setup, log, wall)
+            context = simulator.get_context()
+            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
+            self._done[second_scale] = GuidingRun(setup, log, fast, wall)
         return self._done[second_scale]

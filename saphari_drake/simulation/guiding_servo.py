@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.leaf import cycle
+from saphari_drake.control.torque_limits import limit_torque
+from saphari_drake.leaf import cycle, declare_cache, declare_readouts
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -39,6 +40,7 @@ class JointPositionServo(LeafSystem):
         - position_commanded
         output_ports:
         - torque_commanded
+        - torque_excess
 
     Ports
     -----
@@ -46,6 +48,7 @@ class JointPositionServo(LeafSystem):
     position_commanded : n (rad or m), to be reached at the end of each period.
     torque_commanded : n (Nm or N), within the robot's limits: τ = M(K(q_r − q) + D(q̇_r − q̇)) + C q̇ + g, with q_r
         straight from one command to the next.
+    torque_excess : n (Nm or N), what the limits cut off.
 
     State: the command before, and when the present one came.
     """
@@ -58,10 +61,13 @@ class JointPositionServo(LeafSystem):
         self._before = self.DeclareDiscreteState(robot.home)
         self._since = self.DeclareDiscreteState(1)
         tickets = {self._state.ticket(), self._command.ticket(), self.time_ticket(), self.xd_ticket()}
-        self.DeclareVectorOutputPort("torque_commanded", BasicVector(robot.n), self._calc, tickets)
+        none = np.zeros(robot.n)
+        self._torques = declare_cache(self, "torques", (none, none), self._evaluate, tickets)
+        readouts = {"torque_commanded": (robot.n, lambda t: t[0]), "torque_excess": (robot.n, lambda t: t[1])}
+        declare_readouts(self, self._torques, readouts)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _evaluate(self, context: Context) -> tuple[Array, Array]:
         params, n, x = self._params, self._robot.n, self._state.Eval(context)
         terms = evaluate_dynamics(self._robot, x[:n], x[n:])
         before, command = context.get_discrete_state(self._before).value(), self._command.Eval(context)
@@ -69,7 +75,7 @@ class JointPositionServo(LeafSystem):
         share = min(max((context.get_time() - since) / params.period, 0.0), 1.0)
         q_r, v_r = before + share * (command - before), (command - before) / params.period
         torque = terms.M @ (params.stiffness * (q_r - terms.q) + params.damping * (v_r - terms.v)) + terms.Cv + terms.g
-        output.SetFromVector(np.clip(torque, -self._robot.tau_max, self._robot.tau_max))
+        return limit_torque(torque, self._robot.tau_max)
 
     def _update(self, context: Context, state: State) -> None:
         state.get_mutable_discrete_state(self._before).SetFromVector(self._command.Eval(context))

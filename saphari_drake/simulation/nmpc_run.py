@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from saphari_drake.port_values import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.experiment import Log, Metric, advance
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.nmpc_cell import KNOWN, NmpcCell
 from saphari_drake.simulation.nmpc_jobs import clearance, frame_pose, point_positions
 from saphari_drake.simulation.wheels import lateral_slip
@@ -151,7 +152,7 @@ def margins(run: NmpcRun) -> list[Metric]:
         Metric("limit_margin_rad", room, "rad", low=0.0),
         Metric("max_speed_share", np.abs(log["velocity_commanded"] / robot.v_max).max(), "1", high=1.0 + 1e-9),
         Metric("servo_error_p95_share", float(np.percentile(lag.max(axis=1), 95)), "1"),
-        Metric("torque_excess_max", np.abs(log["torque_excess"]).max(), "Nm, N"),
+        *limit_metrics(robot, log["velocity"], log["torque_excess"]),
         Metric("real_time_factor", run.real_time_factor, "1", decides=False),
     ]
 

@@ -19,6 +19,7 @@ from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.contact_run import load_robot
 from saphari_drake.simulation.experiment import Metric, RunOptions, advance
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.log import Log
 from saphari_drake.simulation.null_space_cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.simulation.obstacle_cell import add_obstacle_cell
@@ -69,6 +70,7 @@ class Setup:
     diagram: Diagram
     parts: NullSpaceCell
     recorder: Recorder
+    fast_recorder: Recorder  # every step of the plant
 
 
 @dataclass
@@ -77,6 +79,7 @@ class Run:
 
     setup: Setup
     log: Log
+    fast: Log  # velocity and torque_excess at every step of the plant
     wall: float  # s
     cpu: float  # s; time of the processor, which other programs do not lengthen
 
@@ -115,10 +118,12 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
             builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
-    recorder = _record(builder, parts)
+    recorder, fast = _record(builder, parts), Recorder(builder, scenario.system.cell.time_step)
+    fast.add("velocity", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fast.add("torque_excess", parts.controller.GetOutputPort("torque_excess"), "Nm")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
-    return Setup(scenario, robot, builder.Build(), parts, recorder)
+    return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 
 
 def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
@@ -165,6 +170,12 @@ def speed(*runs: Run) -> list[Metric]:
     ]
 
 
+def limits(*runs: Run) -> list[Metric]:
+    """Return how far the runs use the joints' limits, at every step of the plant."""
+    velocity, excess = (np.vstack([run.fast[name] for run in runs]) for name in ("velocity", "torque_excess"))
+    return limit_metrics(runs[0].setup.robot, velocity, excess)
+
+
 def contact_on_robot(results: ContactResults) -> Array:
     """Return the obstacle's force (N, world) and its point (m, world), zeros without contact; there is one obstacle."""
     force, point = np.zeros(3), np.zeros(3)
@@ -197,8 +208,9 @@ class Runs:
             simulator.Initialize()
             start = time.process_time()
             wall = advance(simulator, scenario.duration, observer)
-            cpu, log = time.process_time() - start, setup.recorder.log(setup.diagram, simulator.get_context())
-            self._done[key] = Run(setup, log, wall, cpu)
+            cpu, context = time.process_time() - start, simulator.get_context()
+            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
+            self._done[key] = Run(setup, log, fast, wall, cpu)
         return self._done[key]
 
 

@@ -17,6 +17,7 @@ from saphari_drake.simulation.activation_steps import find_switches
 from saphari_drake.simulation.differential_ik import DifferentialIK, median_seconds
 from saphari_drake.simulation.experiment import Log, Metric
 from saphari_drake.simulation.kinematic_arm import SampledSignal
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.priority_arm import ThreeLevelJob, circle_reference, clearances
 from saphari_drake.simulation.recorder import Recorder
 
@@ -115,12 +116,10 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
     decay, period, targets = job.params.controller.decay, job.params.controller.period, log["person"].reshape(-1, 2, 6)
     args = log["position_measured"], decay * before, references, targets, log["activation"], period
     switches = find_switches(cell.controller.stack, *args)
-    measured = np.abs(log["velocity"] / job.robot.v_max).max()
     return [
         Metric("min_clearance_m", log["clearance_min"].min(), "m", low=job.params.clearance),
         Metric("min_limit_margin_rad", margin, "rad", low=0.0),
         Metric("max_speed_share", log["speed_share"].max(), "1", high=1.0 + 1e-9),
-        Metric("max_speed_share_measured", measured, "1"),
         Metric("path_error_median_m", float(np.median(log["path_error"])), "m"),
         Metric("path_error_max_m", log["path_error"].max(), "m"),
         Metric("elbow_outside_share", float(outside), "1"),
@@ -130,7 +129,7 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
         Metric("switch_velocity_share_max", max((s.share for s in switches), default=0.0), "1", high=1.0),
         Metric("scaled_share", float(np.mean(status == 1)), "1"),
         Metric("unreachable_share", float(np.mean(status == 2)), "1"),
-        Metric("torque_excess_max_Nm", np.abs(log["torque_excess"]).max(), "Nm"),
+        *limit_metrics(job.robot, log["velocity"], log["torque_excess"]),
     ]
 
 

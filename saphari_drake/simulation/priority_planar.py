@@ -21,6 +21,7 @@ from saphari_drake.simulation.activation_steps import Switch, find_switches
 from saphari_drake.simulation.differential_ik import DifferentialIK, median_seconds
 from saphari_drake.simulation.experiment import Log, Metric
 from saphari_drake.simulation.kinematic_arm import KinematicArm, SampledSignal, WaypointPath
+from saphari_drake.simulation.limits import limit_metrics
 from saphari_drake.simulation.recorder import Recorder
 
 Array = NDArray[np.float64]
@@ -153,6 +154,8 @@ def judge_planar(cell: PlanarCell, log: Log, case: str) -> list[Metric]:
         Metric("velocity_step_max", np.abs(np.diff(log["velocity"], axis=0)).max(), "rad/s"),
         Metric("singular_value_min", log["singular_value"].min(), "m"),
         Metric("task_scale_min", log["task_scale"].min(), "1"),
+        # The arm has no torques, and moves at each commanded velocity for a whole cycle.
+        *limit_metrics(cell.robot, log["velocity"], None),
     ]
     return metrics
 

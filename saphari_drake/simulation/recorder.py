@@ -108,11 +108,11 @@ class Recorder:
                 value = port.Allocate().get_value()
                 size = np.size(extract(value.value() if isinstance(value, BasicVector) else value))
             converter = self._builder.AddSystem(ValueToVector(port, extract, size))
-            converter.set_name(f"record {name}")
+            converter.set_name(f"record {name} every {self._period:g} s")
             self._builder.Connect(port, converter.get_input_port())
             port = converter.get_output_port()
         sink = LogVectorOutput(port, self._builder, self._period)
-        sink.set_name(f"log {name}")
+        sink.set_name(f"log {name} every {self._period:g} s")
         self._sinks[name] = (sink, unit)
 
     def log(self, diagram: Diagram, root_context: Context) -> Log:
