@@ -30,7 +30,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 EXPERIMENT = SimpleNamespace(
-    cases={"a": "first", "b": "second"}, scenario_for=lambda case: SimpleNamespace(case=case, seed=4)
+    cases={"a": "first", "b": "second"}, scenario_for=lambda case: SimpleNamespace(case=case, seed=4),
+    seedless=frozenset(),
 )
 
 if __name__ == "__main__":

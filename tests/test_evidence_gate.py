@@ -45,7 +45,7 @@ def test_a_figure_within_its_allowance_passes(metrics):
         (changed("error", 0.151, None, 1.0, True), ["toy/a: error 0.151, recorded 0.1, allowed difference 0.05"]),
         (changed("error", 0.049, None, 1.0, True), ["toy/a: error 0.049, recorded 0.1"]),
         (changed("error", None, None, 1.0, True), ["toy/a: error no value, recorded 0.1"]),
-        (changed("extra", 5.2, None, None, True), ["toy/a: extra 5.2, recorded 5, allowed difference 0.1"]),
+        (changed("extra", 5.6, None, None, True), ["toy/a: extra 5.6, recorded 5, allowed difference 0.5"]),
         (changed("error", 0.1, None, 1.1, True), ["toy/a: error: bound ≤ 1.1, recorded ≤ 1"]),
         (changed("error", 0.1, None, None, True), ["toy/a: error: bound –, recorded ≤ 1"]),
         (changed("error", 0.1, None, 1.0, False), ["toy/a: error: decides the verdict or not, other than recorded"]),

@@ -23,10 +23,13 @@ class Script:
     path : Path
     default_seeds : mapping from str to int
         The seed that each case takes if none is given, in the script's order of cases.
+    seedless : frozenset of str
+        The cases in which a seed changes nothing.
     """
 
     path: Path
     default_seeds: Mapping[str, int]
+    seedless: frozenset[str] = frozenset()
 
 
 def find_scripts(folder: Path) -> dict[str, Script]:
@@ -34,7 +37,7 @@ def find_scripts(folder: Path) -> dict[str, Script]:
     paths = [path for path in sorted(folder.glob("*.py")) if DEFINES.search(path.read_text(encoding="utf-8"))]
     if not paths:
         raise ParameterError("folder", f"no script in '{folder}' defines EXPERIMENT")
-    return {path.stem: Script(path, _default_seeds(path)) for path in paths}
+    return {path.stem: _script(path) for path in paths}
 
 
 def select(scripts: Mapping[str, Script], only: Sequence[str]) -> list[tuple[str, str]]:
@@ -51,7 +54,7 @@ def select(scripts: Mapping[str, Script], only: Sequence[str]) -> list[tuple[str
     return [pair for pair in every if pair in wanted] if only else every
 
 
-def _default_seeds(path: Path) -> dict[str, int]:
+def _script(path: Path) -> Script:
     spec = importlib.util.spec_from_file_location(f"script_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ParameterError("script", f"'{path}' cannot be imported")
@@ -59,4 +62,5 @@ def _default_seeds(path: Path) -> dict[str, int]:
     sys.modules[spec.name] = module  # where dataclasses look their annotations up
     spec.loader.exec_module(module)
     experiment = module.EXPERIMENT
-    return {case: experiment.scenario_for(case).seed for case in experiment.cases}
+    seeds = {case: experiment.scenario_for(case).seed for case in experiment.cases}
+    return Script(path, seeds, experiment.seedless)

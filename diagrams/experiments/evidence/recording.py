@@ -44,15 +44,16 @@ def record(
         if not run.complete:
             broken.append(f"{run.job.name}: exit status {run.status}, not recorded: {run.complaint or 'no metrics'}")
         elif len(done[pair]) == len(seeds_of(scripts, pair, seeds)) and all(each.complete for each in done[pair]):
-            summary = summarize_case(done[pair], scripts[pair[0]].default_seeds[pair[1]])
+            script = scripts[pair[0]]
+            summary = summarize_case(done[pair], script.default_seeds[pair[1]], pair[1] in script.seedless)
             write_results(results_path, merge(read_results(results_path), {pair: summary}, every))
     return broken
 
 
 def seeds_of(scripts: Mapping[str, Script], pair: tuple[str, str], seeds: Sequence[int]) -> list[int]:
-    """Return the seeds of a case: its default seed and the given ones."""
-    default = scripts[pair[0]].default_seeds[pair[1]]
-    return sorted({default, *seeds})
+    """Return the seeds of a case: its default seed, and the given ones where a seed changes something."""
+    script, case = scripts[pair[0]], pair[1]
+    return sorted({script.default_seeds[case], *(() if case in script.seedless else seeds)})
 
 
 def seconds_of(results: Results) -> dict[tuple[str, str], float]:
