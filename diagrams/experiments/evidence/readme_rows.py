@@ -36,6 +36,7 @@ METRES, MM, MICRONS = Scale(1.0, " m", 4), Scale(1e3, " mm"), Scale(1e6, " µm")
 NEWTON, SPEED, RAD = Scale(1.0, " N"), Scale(1.0, " m/s"), Scale(1.0, " rad")
 SECONDS, S_AS_MS, MS = Scale(1.0, " s"), Scale(1e3, " ms"), Scale(1.0, " ms")
 
+WORST_PUSH = "error of the contact point, median / p95, worst push"
 OBSERVERS = "task_error task_error_pd momentum"
 
 EXPERIMENTS = [
@@ -110,7 +111,8 @@ EXPERIMENTS = [
         MM,
     ),
     Row("contact_impedance", "natural", "force_error_relative", "error of the estimated force", PERCENT),
-    Row("contact_impedance", "natural", "localization_error_m", "error of the contact point, median", MM),
+    Row("contact_impedance", "natural", "localization_error_m localization_error_p95_m", WORST_PUSH, MM),
+    Row("contact_impedance", "natural", "unanswered_share", "part of a push that is not answered, worst push", PERCENT),
     Row("contact_impedance", "natural", "deflection_error_relative", "deflection against F/K_p", PERCENT),
     Row("contact_impedance", "natural", "contact_detection_delay_s", "detection after the first touch", S_AS_MS),
     Row(
@@ -129,7 +131,7 @@ EXPERIMENTS = [
         "error of its varying part alone",
         PERCENT,
     ),
-    Row("contact_impedance", "recorded", "localization_error_m", "error of the contact point, median", MM),
+    Row("contact_impedance", "recorded", "localization_error_m localization_error_p95_m", WORST_PUSH, MM),
     Row(
         "contact_impedance",
         "random",
@@ -137,10 +139,24 @@ EXPERIMENTS = [
         "touches that meet every bound: all / seen / hidden",
         PERCENT,
     ),
+    Row(
+        "contact_impedance",
+        "random",
+        "force_met_share deflection_met_share point_met_share return_met_share",
+        "that meet the bound of force / deflection / point / return",
+        PERCENT,
+    ),
     Row("contact_impedance", "random", "joint_speed_share_max", "largest joint speed over its limit"),
     Row("contact_impedance", "random", "wander_max_m", "farthest the point wanders after a release", METRES),
     Row("contact_impedance", "random", "trials", "touches"),
     Row("contact_force", "compatible", "force_norm_error_N", "error of the force's size, steady", NEWTON),
+    Row(
+        "contact_force",
+        "compatible",
+        "force_norm_error_whole_N",
+        "the same with what joint torques do not show",
+        NEWTON,
+    ),
     Row("contact_force", "drift", "drift_speed_error_relative", "drift speed against the prediction", PERCENT),
     Row("contact_force", "drift", "drift_direction_error_rad", "drift direction against the prediction", RAD),
     Row("contact_force", "drift", "max_speed", "fastest contact point, with the speed stop", SPEED),
