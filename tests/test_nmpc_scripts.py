@@ -150,6 +150,29 @@ def test_stops_and_fallbacks_are_counted():
     assert all(metric.value == pytest.approx(1.0) for metric in timing(run, ""))
 
 
+@pytest.mark.parametrize(
+    ("jobs", "case", "cost", "rows", "slipless", "retreat"),
+    [
+        (nmpc_manipulator, "none", False, False, False, None),
+        (nmpc_manipulator, "objective", True, False, False, None),
+        (nmpc_manipulator, "constraints", False, True, False, None),
+        (nmpc_manipulator, "both", True, True, False, None),
+        (nmpc_mobile, "1", False, False, False, False),
+        (nmpc_mobile, "2", True, False, False, False),
+        (nmpc_mobile, "3", True, True, False, False),
+        (nmpc_mobile, "nonholonomic", True, True, True, False),
+        (nmpc_mobile, "human", True, True, False, True),
+        (nmpc_mobile, "human_seen", True, True, False, True),
+    ],
+)
+def test_a_case_is_what_it_says(jobs, case, cost, rows, slipless, retreat):
+    """Obstacles in the objective, in the constraints, a platform that cannot slip, and a robot that gives way."""
+    params = jobs.controller_for(case, jobs.NmpcParameters())
+    assert (params.obstacle_cost, params.obstacle_constraints) == (cost, rows)
+    assert params.nonholonomic == (["px", "py", "pz"] if slipless else [])
+    assert retreat is None or params.retreat == retreat
+
+
 # ---- the scripts ----------------------------------------------------------------------------------------------------
 
 

@@ -94,6 +94,21 @@ def test_a_moving_obstacle_is_kept_away_from(lwr4):
     assert np.linalg.norm(problem.end_effector_pose(ways[-1])[1] - hand) < 0.02
 
 
+def test_a_command_that_would_come_too_near_is_not_applied(lwr4):
+    """A plan that knows nothing of obstacles is not followed into one: the robot brakes as fast as it can instead."""
+    problem = arm_problem(lwr4, obstacle_cost=False, obstacle_constraints=False, obstacle_timeout=10.0)
+    q = lwr4.home + np.array([-0.9, 0, 0, 0, 0, 0, 0])
+    goal = target(problem, lwr4.home + np.array([0.9, 0, 0, 0, 0, 0, 0]))
+    obstacle = at(problem.end_effector_pose(lwr4.home)[1])
+    ways, memories, _ = closed_loop(problem, q, goal, obstacle, 25)
+    statuses = [memory.status for memory in memories]
+    first = statuses.index(NmpcStatus.BRAKING)
+    slower = brake(memories[first - 1].command, problem.a_max, problem.params.period)
+    np.testing.assert_array_equal(memories[first].command, slower)
+    for way, memory in zip(ways, memories):
+        assert memory.status != NmpcStatus.SOLVED or smallest_clearance(problem, way, memory, obstacle, 0.0) >= 0.0
+
+
 def test_without_the_margin_samples_alone_cut_corners(lwr4):
     """The margin is needed: the same fast pass without it and without the check comes nearer between samples."""
     clearances = []

@@ -187,3 +187,13 @@ def test_the_step_is_continuous_through_activation_and_release(direction):
     change = np.abs(np.diff(steps, axis=0)).max() / abs(grid[1] - grid[0])
     rate, shortest = np.abs(J @ v).max(), np.linalg.norm(np.linalg.pinv(J), 2)
     assert change <= 15.0 / 8.0 / 0.1 * rate * shortest
+
+
+@pytest.mark.parametrize("gap", [1e-3, 0.02, 0.2])
+def test_a_fast_step_covers_half_of_what_is_left_to_a_bound(gap):
+    """However narrow the buffer, a velocity that would jump the bound within one period is cut to half the gap."""
+    period, v, h = 0.01, np.array([50.0, 1.0]), np.zeros(1)
+    J, x, zero, buffer = np.array([[1.0, 0.0]]), np.array([-gap]), np.zeros(1), np.array([1e-9])
+    compiled.constraint_step(np.eye(2), J, x, zero, zero, buffer, buffer, zero, period, v, h)
+    assert v[0] * period == pytest.approx(0.5 * gap, rel=1e-3)
+    assert v[1] == 1.0
