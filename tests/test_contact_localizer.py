@@ -26,6 +26,7 @@ from saphari_drake.perception.depth_noise import (
 )
 from saphari_drake.perception.rgbd_camera import CameraParameters, camera_pose, ray_tables
 from saphari_drake.port_values import CameraStatus, ContactPoint
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.shapes import LinkShapes
 
 KINECT = DepthNoiseParameters()
@@ -333,6 +334,31 @@ def test_posture_at_the_time_stamp_counts_not_the_present_one(bench_scene, visio
     assert contact.stamp == 0.0525
     np.testing.assert_allclose(contact.p_LC, expected.p_LC, atol=1e-4)
     assert stale.link != contact.link or np.linalg.norm(stale.p_LC - expected.p_LC) > 3e-3
+
+
+def test_residual_of_the_frame_s_own_time_moves_the_point(bench_scene, vision):
+    """A force beside the seen point draws it there; one that is felt only after the frame was taken does not."""
+    scene, touch, image = bench_scene
+    seen = vision.localize(image, touch.R_WL, touch.p_WL)
+    terms = evaluate_dynamics(scene.robot, touch.q, np.zeros(7))
+    side = np.cross(seen.n_L, [0.3, 0.5, 0.8])
+    beside, n_L = vision.on_surface(seen.link, seen.p_LC + 0.008 * side / np.linalg.norm(side))
+    r = terms.point(seen.link, beside).Jv_WC.T @ (-30.0 * terms.R_WL[seen.link] @ n_L)
+
+    def point(changes):
+        bench = Bench(scene, torque_sigma=0.01)
+        bench.set("position_measured", touch.q)
+        for time, value in changes:
+            bench.advance(time)
+            bench.set("residual", value)
+        bench.advance(0.05)
+        bench.frame(image, 0.02)
+        bench.advance(0.06)
+        return bench.get("contact_point").p_LC
+
+    felt, late = point([(0.0, r)]), point([(0.0, np.zeros(7)), (0.03, r)])
+    np.testing.assert_allclose(late, seen.p_LC, atol=1e-4)
+    assert np.linalg.norm(felt - beside) < np.linalg.norm(seen.p_LC - beside) - 0.001
 
 
 def test_each_frame_is_used_once_and_then_held(bench_scene):

@@ -54,3 +54,9 @@ def test_a_forearm_is_a_limb_and_a_finger_is_none(scenes, vision):
 
     assert limbs("forearm") >= 5 / 6
     assert limbs("finger") <= 1 / 6
+
+
+def test_beside_a_limb_that_goes_on_to_both_sides_nothing_thin_is_likely(scenes, vision):
+    """That costs more than any width does."""
+    costs = [seen[0].cost for seen, _ in seen_touches(scenes, vision, "forearm") if len(seen) == 2]
+    assert np.median(costs) > 30.0
