@@ -53,8 +53,6 @@ class Localization(NamedTuple):
         How far from touching a limb is that was fitted to the readings and gave the point (m; ∞: none was).
     cost : float
         −2 log of how well what is seen near the point suits this explanation of it (≥ 0).
-    place : int
-        Number of the place; explanations of one place share it.
     """
 
     link: int
@@ -66,7 +64,6 @@ class Localization(NamedTuple):
     width: float = 0.0
     limb_gap: float = np.inf
     cost: float = 0.0
-    place: int = 0
 
     @property
     def limb(self) -> bool:
@@ -195,7 +192,7 @@ class ContactVision:
         points = points @ R_WC.T + p_WC
         readings = person_kernels.person_readings(depth, self.x, self.y, best, owner, human, region, box, p.reach)
         found: list[Localization] = []
-        for place in range(count):
+        for _ in range(count):
             link, distance, p_C, extent = nearest_kernels.soft_minimum(
                 *readings, shapes.kind, shapes.size, shapes.link, R_CS, p_CS, p.rank, p.softness, p.spread,
                 int(p.rounds),
@@ -208,13 +205,13 @@ class ContactVision:
             )  # fmt: skip
             limb = self._limb(readings[0], p_C, width, R_CS, p_CS) if distance < p.limb_distance else None
             thin_cost = 0.0 if limb is None else limb.thin_cost
-            choices = [(link, distance, p_CT, n_C, np.inf, thin_cost)]
+            explanations = [(link, distance, p_CT, n_C, np.inf, thin_cost)]
             if limb is not None:
-                choices.append((limb.link, max(limb.gap, 0.0), limb.p_CT, limb.n_C, abs(limb.gap), limb.cost))
-            for on, d, p_CS_, n_CS_, gap, cost in choices:
+                explanations.append((limb.link, max(limb.gap, 0.0), limb.p_CT, limb.n_C, abs(limb.gap), limb.cost))
+            for on, away, p_C_on, n_C_on, gap, cost in explanations:
                 R_LC = R_WL[on].T @ R_WC
-                p_LC = R_LC @ p_CS_ + R_WL[on].T @ (p_WC - p_WL[on])
-                found.append(Localization(on, d, p_LC, R_LC @ n_CS_, seen, points, width, gap, cost, place))
+                p_LC = R_LC @ p_C_on + R_WL[on].T @ (p_WC - p_WL[on])
+                found.append(Localization(on, away, p_LC, R_LC @ n_C_on, seen, points, width, gap, cost))
             if distance > p.gate:
                 break
             readings = nearest_kernels.away_from(*readings, p_C, apart)
