@@ -136,7 +136,7 @@ def localized(log: Log, touch: Touch) -> Localized:
 
 
 def localization_metrics(
-    log: Log, touches: Sequence[Touch], median: float = np.inf, p95: float = np.inf
+    log: Log, touches: Sequence[Touch], median: float = np.inf, p95: float = np.inf, answered: bool = True
 ) -> list[Metric]:
     """Return how well the touches were localized: the worst of them, not all pooled, and those that were not answered.
 
@@ -144,6 +144,8 @@ def localization_metrics(
     ----------
     median, p95 : float
         Bounds of each touch's median and 95 % error (m).
+    answered : bool
+        Whether a touch that is answered too late, or not at all, decides the verdict.
     """
     found = [localized(log, touch) for touch in touches]
     return [
@@ -152,7 +154,7 @@ def localization_metrics(
         ),
         Metric("localization_error_p95_m", max(f.p95 for f in found), "m", high=p95),
         Metric("link_correct", min(f.link_right for f in found), "1"),
-        Metric("unanswered_share", max(f.unanswered for f in found), "1", high=UNANSWERED),
+        Metric("unanswered_share", max(f.unanswered for f in found), "1", high=UNANSWERED, decides=answered),
     ]
 
 
