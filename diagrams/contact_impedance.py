@@ -151,7 +151,7 @@ def drawn_touch(scenario: ContactImpedanceScenario, trial: int) -> RandomTouch:
 def trial_of(scenario: ContactImpedanceScenario, drawn: RandomTouch, trial: int) -> ContactImpedanceScenario:
     """Return the scenario of one random touch."""
     single = deepcopy(scenario)
-    single.home = np.rad2deg(drawn.q).tolist()
+    single.home = drawn.home
     single.pushes, single.aim_spread = [drawn.push], 0.0
     single.duration = drawn.push.start + drawn.push.hold + scenario.touches.watched + 0.2
     single.system.cell.hand.finger_radius = drawn.finger_radius

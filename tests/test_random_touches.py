@@ -15,6 +15,7 @@ from saphari_drake.math.geometry import nearest_surface_point
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.bodies import HandParameters
 from saphari_drake.simulation.experiment import main
+from saphari_drake.simulation.human_hand import find_target
 
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 HAND = HandParameters()
@@ -55,6 +56,19 @@ def test_touches_stay_within_their_ranges_and_cover_them(lwr4):
         assert np.abs(touch.q - lwr4.home).max() <= np.deg2rad(40.0) + 1e-9
         n_W = surface_of(lwr4, touch)[1]
         assert -n_W @ touch.push.direction >= np.cos(np.deg2rad(45.0)) - 1e-6, touch.push.link
+
+
+def test_every_touch_can_be_run(lwr4, script):
+    """The robot that a trial loads stands as the one that it was drawn for, to the last digit: the push meets its link.
+
+    A push that passes another link by a hair's breadth met it in a posture that was rounded.
+    """
+    for trial in range(60):
+        drawn = draw_touch(lwr4, HAND, RandomTouchParameters(), [0, trial])
+        single = script.trial_of(script.scenario_for("random"), drawn, trial)
+        robot = script.load_robot(single.robot, single.home)
+        np.testing.assert_array_equal(robot.home, drawn.q)
+        find_target(robot, robot.home, drawn.push)
 
 
 def surface_of(robot, touch):

@@ -52,9 +52,14 @@ class RandomTouchParameters:
 class RandomTouch(NamedTuple):
     """One drawn touch."""
 
-    q: Array  # (n,) posture at the start
+    home: list[float]  # deg; posture at the start, as a scenario takes it
     push: Push
     finger_radius: float  # m
+
+    @property
+    def q(self) -> Array:
+        """The posture (n,) in rad, to the last digit that of a robot loaded with this home."""
+        return np.deg2rad(self.home)
 
 
 def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParameters, seed: list[int]) -> RandomTouch:
@@ -71,7 +76,8 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
     force, radius = rng.uniform(*params.force), rng.uniform(*params.finger_radius)
     for _ in range(_DRAWS):
         reach = np.deg2rad(params.posture)
-        q = np.clip(robot.home + rng.uniform(-reach, reach, robot.n), robot.q_min, robot.q_max)
+        home = np.rad2deg(np.clip(robot.home + rng.uniform(-reach, reach, robot.n), robot.q_min, robot.q_max))
+        q = np.deg2rad(home)
         terms = evaluate_dynamics(robot, q, np.zeros(robot.n))
         p_W, n_W = _surface_point(robot, terms, link, rng)
         direction = _turned(-n_W, np.deg2rad(params.tilt) * np.sqrt(rng.random()), rng)
@@ -83,7 +89,7 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
             find_target(robot, q, push)
         except ModelError:  # another link is in the way
             continue
-        return RandomTouch(q, push, radius)
+        return RandomTouch(home.tolist(), push, radius)
     raise ParameterError("touches", f"no touch of {name} could be drawn in {_DRAWS} tries")
 
 
