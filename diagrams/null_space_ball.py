@@ -32,7 +32,7 @@ def scenario_for(case: str) -> NullSpaceScenario:
     """Return the scenario of a case."""
     scenario = NullSpaceScenario(case=case)
     scenario.system.controller.observer = case
-    # The same in all cases; tests/benchmarks/benchmark_gains.py tells how far they may be off.
+    # The same in all cases; tests/benchmarks/gain_margins.py tells how far they may be off.
     scenario.system.controller.gamma = 1.0
     scenario.system.disturbance.rate = 80.0
     return scenario

@@ -29,7 +29,7 @@ def scenario_for(case: str) -> GuidingScenario:
     scenario = GuidingScenario(case=case)
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
     # force keep it below what the second hand does. Such a wrist is stable with hands of up to 2000 N/m. All cases have
-    # the same gains; tests/benchmarks/benchmark_gains.py tells how far they may be off.
+    # the same gains; tests/benchmarks/gain_margins.py tells how far they may be off.
     controller = scenario.system.controller
     controller.K_P, controller.K_D, controller.force_time = 6400.0, 160.0, 0.005
     if case == "body_first":

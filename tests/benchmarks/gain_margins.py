@@ -3,7 +3,7 @@
 Each gain by itself, and all of a case together, times a factor. Printed are the misses, and the factors farthest from
 1 at which all bounds are met.
 
-Run: python tests/benchmarks/benchmark_gains.py [--script NAME] [--case NAME] [--seeds 0 1]
+Run: python tests/benchmarks/gain_margins.py [--script NAME] [--case NAME] [--seeds 0 1]
 """
 
 import argparse
