@@ -5,16 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import Diagram, DiagramBuilder
-
-from saphari_drake.control.contact_force_parameters import ContactForceControlParameters
-from saphari_drake.control.force_stability import hand_stiffness_limits
-from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation import contact_analysis as touches_of
-from saphari_drake.simulation import force_analysis as judge
-from saphari_drake.simulation.contact_cell import ContactCell, add_contact_cell
-from saphari_drake.simulation.contact_run import (
+from experiments.contact import force_judge as judge
+from experiments.contact import judge as touches_of
+from experiments.contact.cell import ContactCell, add_contact_cell
+from experiments.contact.run import (
     ContactScenario,
     aimed,
     load_robot,
@@ -24,11 +18,17 @@ from saphari_drake.simulation.contact_run import (
     simulate,
     timing,
 )
-from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
-from saphari_drake.simulation.human_hand import Push
-from saphari_drake.simulation.limits import limit_metrics
-from saphari_drake.simulation.recorder import Recorder
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.stability import hand_stiffness_limits
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
 
 CASES = {
     "drift": "15 N along a fixed Y: regulated while the person pushes along Y, drift cut off when along X",

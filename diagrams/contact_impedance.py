@@ -6,19 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from experiments.contact import random_run
+from experiments.contact import judge, random_run
+from experiments.contact.cell import ContactCell, add_contact_cell
 from experiments.contact.random_touches import RandomTouch, RandomTouchParameters, draw_touch
-from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
-
-from saphari_drake.parameters import require_positive
-from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation import contact_analysis as judge
-from saphari_drake.simulation.cell import contact_truth
-from saphari_drake.simulation.command_line import say
-from saphari_drake.simulation.contact_cell import ContactCell, add_contact_cell
-from saphari_drake.simulation.contact_run import (
+from experiments.contact.run import (
     ContactScenario,
     aimed,
     load_robot,
@@ -29,13 +20,21 @@ from saphari_drake.simulation.contact_run import (
     simulate,
     timing,
 )
-from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.figures import Line, Panel, Shade, intervals, time_panels
-from saphari_drake.simulation.force_recording import read_force_recording
-from saphari_drake.simulation.human_hand import Push
-from saphari_drake.simulation.limits import limit_metrics
-from saphari_drake.simulation.recorded_push import RecordedPush, RecordedPushParameters, recorded_push
-from saphari_drake.simulation.recorder import Recorder
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from saphari_drake.parameters import require_positive
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.force_recording import read_force_recording
+from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.people.recorded_push import RecordedPush, RecordedPushParameters, recorded_push
+from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.runner.command_line import say
+from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
+from saphari_drake.simulation.world.cell import contact_truth
 
 CASES = {
     "natural": "natural contact inertia, eq. (57); pushes on links 4, 5 and 6",

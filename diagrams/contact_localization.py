@@ -5,23 +5,23 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from pydrake.systems.framework import Diagram
-
-from saphari_drake.errors import ParameterError
-from saphari_drake.perception.background import background_depth
-from saphari_drake.perception.fusion import ContactFusionLaw
-from saphari_drake.perception.localization import ContactVision
-from saphari_drake.simulation.contact_scenes import KINDS, ContactScenes, Touch
-from saphari_drake.simulation.experiment import Experiment, Log, Outcome, RunOptions, main
-from saphari_drake.simulation.localization_judge import Row, Shown, judged_scene
-from saphari_drake.simulation.localization_report import figure, metrics, replay
-from saphari_drake.simulation.localization_scenario import (
+from experiments.localization.judge import Row, Shown, judged_scene
+from experiments.localization.report import figure, metrics, replay
+from experiments.localization.scenario import (
     CASES,
     ContactLocalizationScenario,
     believed_cameras,
     build_scenes,
     scenario_for,
 )
+from experiments.localization.scenes import KINDS, ContactScenes, Touch
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.perception.contact.law import ContactFusionLaw
+from saphari_drake.perception.contact.vision import ContactVision
+from saphari_drake.perception.segmentation.background import background_depth
+from saphari_drake.simulation.runner.experiment import Experiment, Log, Outcome, RunOptions, main
 
 SHOWN = 15  # scenes of the replay
 

@@ -3,19 +3,14 @@
 import sys
 from dataclasses import dataclass, field
 
+from experiments.nmpc.build import NmpcCell, build_nmpc
+from experiments.nmpc.figures import manipulator_figure, nmpc_replay
+from experiments.nmpc.manipulator import ManipulatorParameters, controller_for, judge_manipulator, manipulator_job
+from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.experiment import Experiment, Outcome, RunOptions, main
-from saphari_drake.simulation.nmpc_cell import NmpcCell, build_nmpc
-from saphari_drake.simulation.nmpc_figures import manipulator_figure, nmpc_replay
-from saphari_drake.simulation.nmpc_manipulator import (
-    ManipulatorParameters,
-    controller_for,
-    judge_manipulator,
-    manipulator_job,
-)
-from saphari_drake.simulation.nmpc_run import simulate
+from saphari_drake.simulation.runner.experiment import Experiment, Outcome, RunOptions, main
 
 CASES = {
     "none": "the pose alone",

@@ -3,15 +3,15 @@
 import sys
 from dataclasses import dataclass, field
 
+from experiments.nmpc.build import NmpcCell, build_nmpc
+from experiments.nmpc.figures import mobile_figure, nmpc_replay
+from experiments.nmpc.mobile import MobileParameters, controller_for, mobile_job
+from experiments.nmpc.mobile_judge import judge_mobile
+from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.nmpc_cell import NmpcCell, build_nmpc
-from saphari_drake.simulation.nmpc_figures import mobile_figure, nmpc_replay
-from saphari_drake.simulation.nmpc_mobile import MobileParameters, controller_for, mobile_job
-from saphari_drake.simulation.nmpc_mobile_judge import judge_mobile
-from saphari_drake.simulation.nmpc_run import simulate
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
 
 CASES = {
     "1": "a path without obstacles",

@@ -8,22 +8,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from experiments.null_space.figures import comparison
+from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.null_space_figures import comparison
-from saphari_drake.simulation.null_space_run import (
-    CASES,
-    NullSpaceScenario,
-    Run,
-    Runs,
-    build,
-    limits,
-    replay,
-    require_dwell,
-    speed,
-)
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
 
 RUNS = Runs()
 

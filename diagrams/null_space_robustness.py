@@ -11,21 +11,11 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
+from experiments.null_space.figures import disturbed
+from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.null_space_figures import disturbed
-from saphari_drake.simulation.null_space_run import (
-    CASES,
-    NullSpaceScenario,
-    Run,
-    Runs,
-    build,
-    limits,
-    replay,
-    require_dwell,
-    speed,
-)
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
 
 RUNS = Runs()
 

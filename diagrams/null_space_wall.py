@@ -4,21 +4,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from experiments.null_space.figures import comparison
+from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, speed
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.null_space_figures import comparison
-from saphari_drake.simulation.null_space_run import (
-    CASES,
-    NullSpaceScenario,
-    Run,
-    Runs,
-    build,
-    limits,
-    replay,
-    speed,
-)
-from saphari_drake.simulation.task_motion import StraightMotionParameters
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.world.references import StraightMotionParameters
 
 RUNS = Runs()
 

@@ -3,31 +3,20 @@
 import sys
 from dataclasses import dataclass, field
 
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram
-
-from saphari_drake.robots import catalog
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, advance, main
-from saphari_drake.simulation.priority_arm import ThreeLevelParameters, three_level_job
-from saphari_drake.simulation.priority_arm_cell import (
+from experiments.priority.figures import planar_figure, planar_replay, three_level_figure, three_level_replay
+from experiments.priority.planar import PlanarParameters, add_derived, build_planar, drake_baseline, judge_planar
+from experiments.priority.three_level import ThreeLevelParameters, three_level_job
+from experiments.priority.three_level_build import (
     add_three_level_signals,
     build_three_level,
     drake_three_level,
     judge_three_level,
 )
-from saphari_drake.simulation.priority_figures import (
-    planar_figure,
-    planar_replay,
-    three_level_figure,
-    three_level_replay,
-)
-from saphari_drake.simulation.priority_planar import (
-    PlanarParameters,
-    add_derived,
-    build_planar,
-    drake_baseline,
-    judge_planar,
-)
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.robots import catalog
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, advance, main
 
 CASES = {
     "constrained": "y at the end of link 4 kept in ±0.5 m: upper bound hard, lower bound soft",

@@ -4,15 +4,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from experiments.guiding import judge
+from experiments.guiding.figures import forces_and_velocities, replay
+from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario, build
+from experiments.guiding.touches import skin_metrics
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation import guiding_analysis as judge
-from saphari_drake.simulation.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.guiding_figures import forces_and_velocities, replay
-from saphari_drake.simulation.guiding_hands import Pull
-from saphari_drake.simulation.guiding_run import GuidingRun, GuidingRuns, GuidingScenario, build
-from saphari_drake.simulation.guiding_touches import skin_metrics
-from saphari_drake.simulation.limits import limit_metrics
+from saphari_drake.simulation.people.guiding_hands import Pull
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.limits import limit_metrics
 
 CASES = {
     "end_effector_first": "the end effector is led; then a hand presses the body",

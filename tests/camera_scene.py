@@ -11,10 +11,11 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from saphari_drake.math.geometry import nearest_surface_point, surface_point
-from saphari_drake.perception.rgbd_camera import CameraParameters, add_depth_camera, camera_pose
+from saphari_drake.math.primitives import nearest_surface_point, surface_point
+from saphari_drake.perception.camera.model import CameraParameters, camera_pose
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
 
 WHITE = np.ones(4)
 

@@ -1,17 +1,11 @@
 """Fixtures that several test files share."""
 
-import sys
-from pathlib import Path
-
 import pytest
 from arms import FIXED, TILTED, arm_path
 from hypothesis import settings
 
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
-
-# What the scripts in diagrams share is imported from there.
-sys.path.append(str(Path(__file__).parents[1] / "diagrams"))
 
 # A first call may compile.
 settings.register_profile("compiled", deadline=None, derandomize=True)

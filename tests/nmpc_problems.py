@@ -5,7 +5,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
 from saphari_drake.math.tree import tree_kinematics
-from saphari_drake.port_values import NmpcReference, ObstaclePoints
+from saphari_drake.messages import NmpcReference, ObstaclePoints
 from saphari_drake.robots import catalog
 
 DH_D = [0.3105, 0.0, 0.4, 0.0, 0.39, 0.0, 0.078]

@@ -4,9 +4,9 @@ from copy import copy
 
 import numpy as np
 
-from saphari_drake.control.null_space_compliance import NullSpaceComplianceController
-from saphari_drake.control.null_space_laws import null_space_torque, task_error, task_force
-from saphari_drake.control.null_space_parameters import NullSpaceComplianceParameters
+from saphari_drake.control.null_space.law import null_space_torque, task_error, task_force
+from saphari_drake.control.null_space.parameters import NullSpaceComplianceParameters
+from saphari_drake.control.null_space.system import NullSpaceComplianceController
 from saphari_drake.estimation.disturbance_observer import (
     DisturbanceObserver,
     DisturbanceObserverParameters,

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saphari_drake.perception.skin_estimator import SkinLaw
-from saphari_drake.perception.skin_modules import Touch
+from saphari_drake.perception.skin.estimator import SkinLaw
+from saphari_drake.simulation.sensors.skin_modules import Touch
 
 NOISE = 0.001  # V
 

@@ -15,7 +15,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCach
 
 import saphari_drake
 from saphari_drake import compiled
-from saphari_drake.math.activation import quintic
+from saphari_drake.control.reverse_priority.activation import quintic
 
 PACKAGE = Path(saphari_drake.__file__).parent
 FILES = {

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.control.torque_limits import limit_torque
-from saphari_drake.leaf import cycle, declare_cache, declare_readouts
+from saphari_drake.math.saturation import limit_torque
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 

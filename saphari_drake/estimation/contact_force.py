@@ -9,11 +9,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.leaf import declare_cache, declare_readouts
+from saphari_drake.messages import ContactPoint
 from saphari_drake.parameters import require_positive
-from saphari_drake.port_values import ContactPoint
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 

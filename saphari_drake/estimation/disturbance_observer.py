@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
 

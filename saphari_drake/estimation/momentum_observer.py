@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
 

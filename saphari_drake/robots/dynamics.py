@@ -11,7 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.math.tree import point_kinematics, tree_dynamics, tree_kinematics
-from saphari_drake.port_values import Immutable
+from saphari_drake.messages import Immutable
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.leaf import cycle
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
+from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.leaf import cycle
+from saphari_drake.messages import CameraStatus, ContactPoint, Immutable, Interaction, InteractionMode
 from saphari_drake.parameters import require_positive
-from saphari_drake.port_values import CameraStatus, ContactPoint, Immutable, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
 _CAMERA_WORKS = (CameraStatus.WAITING, CameraStatus.OK)

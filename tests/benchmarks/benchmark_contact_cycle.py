@@ -18,15 +18,15 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).
 import contact_impedance as script  # noqa: E402
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from experiments.contact.cell import learn_background  # noqa: E402
+from experiments.contact.cycle_time import time_cycles  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from saphari_drake.control.contact_impedance import contact_impedance_torque  # noqa: E402
+from saphari_drake.control.contact.impedance import contact_impedance_torque  # noqa: E402
 from saphari_drake.estimation.contact_force import estimate_contact_force  # noqa: E402
 from saphari_drake.estimation.momentum_observer import residual  # noqa: E402
-from saphari_drake.perception.contact_localizer import ContactVision  # noqa: E402
+from saphari_drake.perception.contact.contact_localizer import ContactVision  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
-from saphari_drake.simulation.contact_cell import learn_background  # noqa: E402
-from saphari_drake.simulation.cycle_time import time_cycles  # noqa: E402
 
 SECONDS = 3.0  # simulated before the measurement; the hand pushes by then
 STEPS = 600

@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 
-from saphari_drake.control.hand_guiding_parameters import HandGuidingParameters  # noqa: E402
-from saphari_drake.control.hand_guiding_stability import GuidingLoop, stiffness_table  # noqa: E402
-from saphari_drake.control.hand_guiding_step import HandGuiding  # noqa: E402
-from saphari_drake.port_values import SkinContact, SkinReading  # noqa: E402
+from saphari_drake.control.hand_guiding.cycle import HandGuiding  # noqa: E402
+from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters  # noqa: E402
+from saphari_drake.control.hand_guiding.stability import GuidingLoop, stiffness_table  # noqa: E402
+from saphari_drake.messages import SkinContact, SkinReading  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
 

@@ -14,18 +14,18 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).parents[1])]
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from experiments.localization.published import published_localization  # noqa: E402
+from experiments.localization.scenes import KINDS, ContactScenes, SceneParameters  # noqa: E402
 
-from saphari_drake.perception import fusion_kernels as kernels  # noqa: E402
-from saphari_drake.perception.fusion import ContactFusionLaw, FusionParameters  # noqa: E402
-from saphari_drake.perception.localization import ContactVision, LocalizerParameters, background_depth  # noqa: E402
-from saphari_drake.perception.rgbd_camera import CameraParameters  # noqa: E402
+from saphari_drake.perception.camera.model import CameraParameters  # noqa: E402
+from saphari_drake.perception.contact import evidence as kernels  # noqa: E402
+from saphari_drake.perception.contact.law import ContactFusionLaw, FusionParameters  # noqa: E402
+from saphari_drake.perception.contact.vision import ContactVision, LocalizerParameters, background_depth  # noqa: E402
 from saphari_drake.robots.catalog import lwr4  # noqa: E402
-from saphari_drake.simulation.contact_scenes import KINDS, ContactScenes, SceneParameters  # noqa: E402
-from saphari_drake.simulation.published_localization import published_localization  # noqa: E402
 
 SCENES, FRAMES = 30, 8
 CAMERAS = [CameraParameters(), CameraParameters(position=[1.2, 1.4, 1.2])]

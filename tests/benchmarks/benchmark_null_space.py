@@ -19,12 +19,8 @@ from bench import Timings, benchmark_options  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 from pydrake.systems.framework import DiagramBuilder  # noqa: E402
 
+from saphari_drake.pipelines.null_space import PERIOD, NullSpaceCellParameters, add_null_space_control  # noqa: E402
 from saphari_drake.robots.catalog import lwr4  # noqa: E402
-from saphari_drake.simulation.null_space_cell import (  # noqa: E402
-    PERIOD,
-    NullSpaceCellParameters,
-    add_null_space_control,
-)
 
 CYCLES, WARM_UP = 1200, 100
 LIMIT_MS = 0.2

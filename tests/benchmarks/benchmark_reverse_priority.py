@@ -15,18 +15,18 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMB
     os.environ[name] = "1"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).parents[1])]
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from experiments.priority.drake_ik import DifferentialIK  # noqa: E402
 
-from saphari_drake.control import priority_tasks as tasks  # noqa: E402
-from saphari_drake.control.priority_stack import PriorityStack  # noqa: E402
-from saphari_drake.control.reverse_priority import ReversePriorityController, home_references  # noqa: E402
+from saphari_drake.control.reverse_priority import tasks  # noqa: E402
+from saphari_drake.control.reverse_priority.stack import PriorityStack  # noqa: E402
+from saphari_drake.control.reverse_priority.system import ReversePriorityController, home_references  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
 from saphari_drake.robots.model import RobotModel  # noqa: E402
-from saphari_drake.simulation.differential_ik import DifferentialIK  # noqa: E402
 
 PERIOD, STEPS = 0.005, 1000
 LIMIT_MS = 0.1

@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 
-from saphari_drake.perception.skin_calibration import SkinCalibration, calibrate_modules  # noqa: E402
-from saphari_drake.perception.skin_estimator import SkinLaw  # noqa: E402
-from saphari_drake.perception.skin_indenter import IndenterParameters  # noqa: E402
-from saphari_drake.perception.skin_layout import SkinLayout, SkinLayoutParameters  # noqa: E402
-from saphari_drake.perception.skin_modules import SkinModules, Touch  # noqa: E402
+from saphari_drake.perception.skin.calibration import SkinCalibration  # noqa: E402
+from saphari_drake.perception.skin.estimator import SkinLaw  # noqa: E402
+from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules  # noqa: E402
+from saphari_drake.simulation.sensors.skin_modules import SkinModules, Touch  # noqa: E402
 
 STEPS = 300
 NOISE = 0.001  # V

@@ -15,9 +15,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2] / "diagrams"))
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.simulation.experiment import Experiment, Metric, RunOptions
-from saphari_drake.simulation.results import bound_text, table
-from saphari_drake.simulation.scenario import to_tree, with_assignments
+from saphari_drake.simulation.runner.experiment import Experiment, Metric, RunOptions
+from saphari_drake.simulation.runner.results import bound_text, table
+from saphari_drake.simulation.runner.scenario import to_tree, with_assignments
 
 LOW, HIGH = (0.5, 0.75, 0.9), (1.5, 1.25, 1.1)  # the farthest first
 GUIDING = tuple(f"system.controller.{name}" for name in ("K_P", "K_D", "force_time"))

@@ -7,20 +7,20 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from experiments.contact.random_touches import RandomTouch
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
+from experiments.contact import judge
+from experiments.contact.cell import ContactCell
+from experiments.contact.random_touches import RandomTouch
 from saphari_drake.errors import SensorError
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation import contact_analysis as judge
-from saphari_drake.simulation.contact_cell import ContactCell
-from saphari_drake.simulation.figures import BOUND, CYCLE, blank, legend
-from saphari_drake.simulation.limits import limit_metrics
-from saphari_drake.simulation.log import Log
-from saphari_drake.simulation.results import Metric
-from saphari_drake.simulation.visibility import pixels_near
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.sensors.visibility import pixels_near
+from saphari_drake.simulation.view.figures import BOUND, CYCLE, blank, legend
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ModelError, ParameterError
-from saphari_drake.math.geometry import CAPSULE, nearest_surface_point, surface_point
+from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.bodies import HandParameters
-from saphari_drake.simulation.human_hand import HumanHand, Push, find_target
+from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
+from saphari_drake.simulation.world.hand_and_floor import HandParameters
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from experiments.evidence.machine import machine
 from experiments.evidence.readme_rows import Scale, Speed
 from experiments.evidence.readme_tables import NOTHING, number, table
 from saphari_drake.errors import SaphariError, UnknownNameError
-from saphari_drake.simulation.results import versions
+from saphari_drake.simulation.runner.results import versions
 
 MS = Scale(digits=2)
 

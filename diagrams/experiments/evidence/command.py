@@ -18,8 +18,8 @@ from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results
 from saphari_drake.errors import SaphariError
-from saphari_drake.simulation.command_line import complain, say
-from saphari_drake.simulation.files import write_text
+from saphari_drake.simulation.record.files import write_text
+from saphari_drake.simulation.runner.command_line import complain, say
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 

@@ -9,7 +9,7 @@ from typing import Any
 from experiments.evidence.results_file import Results
 from experiments.evidence.runs import Job, Run
 from experiments.evidence.summary import Bound, allowed_difference, bound_text, is_bounded, missed_by
-from saphari_drake.simulation.results import TIMING
+from saphari_drake.simulation.runner.results import TIMING
 
 MAIN_SCRIPT = "contact_impedance"
 

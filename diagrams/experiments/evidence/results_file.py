@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.simulation.files import write_text
+from saphari_drake.simulation.record.files import write_text
 
 DIGITS = 6
 Cases = dict[str, dict[str, Any]]  # by case

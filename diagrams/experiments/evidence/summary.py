@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.evidence.machine import machine
 from experiments.evidence.runs import Run
-from saphari_drake.simulation import results
+from saphari_drake.simulation.runner import results
 
 SAME = 1e-9  # of the value; seeds whose values differ by less change nothing
 BOUNDED_FLOOR, BOUND_FLOOR, OPEN_FLOOR, LEAST = 0.05, 0.02, 0.10, 1e-6

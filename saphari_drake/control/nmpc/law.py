@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.control.nmpc.motion import advance, command_to, motion_clearance
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.sqp import NmpcSolution, make_scene, solve
-from saphari_drake.math.nmpc_motion import advance, command_to, motion_clearance
-from saphari_drake.port_values import Immutable, NmpcReference, NmpcStatus, ObstaclePoints, ObstacleStatus
+from saphari_drake.messages import Immutable, NmpcReference, NmpcStatus, ObstaclePoints, ObstacleStatus
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class NmpcMemory(Immutable):
     Attributes
     ----------
     command, pending : (n,) arrays
-        Commands of this period and, with delay compensation, of the next one; see `nmpc_motion.advance`.
+        Commands of this period and, with delay compensation, of the next one; see `motion.advance`.
     motion : (N + 1, n) array
         Predicted positions, from now on.
     status : NmpcStatus

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
+from saphari_drake.control.nmpc.horizon import HorizonData, forward, place
 from saphari_drake.errors import ModelError, ParameterError
-from saphari_drake.math.nmpc_kernel import HorizonData, forward, place
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.math.tree import REVOLUTE
+from saphari_drake.messages import NmpcReference, ObstaclePoints
 from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
-from saphari_drake.port_values import NmpcReference, ObstaclePoints
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]

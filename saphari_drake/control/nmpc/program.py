@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
+from saphari_drake.control.nmpc.horizon import HorizonData, evaluate, no_multipliers
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.math.nmpc_kernel import HorizonData, evaluate, no_multipliers
-from saphari_drake.math.nmpc_rows import distance_rows, slip_rows
+from saphari_drake.control.nmpc.rows import distance_rows, slip_rows
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverOptions
 
+from saphari_drake.control.nmpc.iteration import Subproblem
 from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.control.nmpc.rows import Rows
 from saphari_drake.errors import SolverError
-from saphari_drake.math.nmpc_rows import Rows
-from saphari_drake.math.nmpc_sqp import Subproblem
 
 Array = NDArray[np.float64]
 

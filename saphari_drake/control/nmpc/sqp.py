@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.control.nmpc import iteration as nmpc_sqp
+from saphari_drake.control.nmpc.horizon import no_multipliers
+from saphari_drake.control.nmpc.iteration import Scene
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.program import build_program, solve_program
 from saphari_drake.control.nmpc.qp_solvers import make_qp_solver
-from saphari_drake.math import nmpc_sqp
-from saphari_drake.math.nmpc_kernel import no_multipliers
-from saphari_drake.math.nmpc_sqp import Scene
-from saphari_drake.port_values import NmpcStatus
+from saphari_drake.messages import NmpcStatus
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | No
 
 
 def _solve_with(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int) -> tuple[Array, int, bool, float]:
-    """Run the loop of `nmpc_sqp.solve_sqp` with another QP solver; return Q, QPs solved, converged, and slack (m)."""
+    """Run the loop of `iteration.solve_sqp` with another QP solver; return Q, QPs solved, converged, and slack (m)."""
     p, data = problem.params, problem.data
     qp_solver = make_qp_solver(p.qp_solver, problem)
     Q = nmpc_sqp.feasible_start(data, scene.q0, guess)

@@ -11,11 +11,11 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from saphari_drake.control.nmpc.law import NmpcMemory, at_rest, nmpc_step
+from saphari_drake.control.nmpc.motion import joint_velocity
 from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.leaf import cycle
-from saphari_drake.math.nmpc_motion import joint_velocity
-from saphari_drake.port_values import NmpcReference, ObstaclePoints
+from saphari_drake.messages import NmpcReference, ObstaclePoints
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Pushes against an arm that yields or holds a force."""

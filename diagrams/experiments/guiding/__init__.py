@@ -1,0 +1,1 @@
+"""An arm guided by hand."""

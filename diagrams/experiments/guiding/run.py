@@ -1,0 +1,232 @@
+"""Runs of the guiding cell: scenario, hands, recording, and the runs that a case is compared with."""
+
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from experiments.contact.run import load_robot
+from saphari_drake.errors import ParameterError, SensorError
+from saphari_drake.messages import SkinReading
+from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.skin.layout import SkinLayout
+from saphari_drake.pipelines.hand_guiding import GuidingCell, GuidingCellParameters, add_guiding_cell, skin_calibration
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.force_recording import ForceRecording, read_force_recording
+from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.runner.experiment import RunOptions, advance
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class GuidingRecordingParameters:
+    """How a recorded force is played to the end effector. All A."""
+
+    # File with the recording: CSV, NPZ or MAT; empty: the synthetic one that comes with the script.
+    file: str = ""
+    # Which run of a file that holds several.
+    index: int = 0
+    # 1/s; sample rate, if the file does not tell it (0: read it from the file).
+    rate: float = 0.0
+    # N; the recording is scaled so that its largest force has this size.
+    peak: float = 8.0
+    # Whether its mean is taken out, so that the arm comes back to about where it started.
+    centred: bool = True
+    # s; when it begins, how long it takes to rise and to fall, and the longest part that is played.
+    start: float = 0.6
+    blend: float = 0.3
+    longest: float = 4.8
+
+    def __post_init__(self) -> None:
+        require_positive(self, "peak", "blend", "longest")
+        require_non_negative(self, "index", "rate", "start")
+
+    def profile(self, recording: ForceRecording) -> tuple[Profile, float]:
+        """Return the force in the world (N) over time (s), and when it ends.
+
+        Raises
+        ------
+        SensorError
+            If the recording holds no force.
+        """
+        length = min(recording.duration, self.longest)
+        rows = recording.time <= length
+        time, force = recording.time[rows], recording.force[rows]
+        if self.centred:
+            force = force - force.mean(axis=0)
+        largest = float(np.max(np.linalg.norm(force, axis=1)))
+        if largest <= 0.0:
+            raise SensorError(f"{recording.source}: holds no force")
+        force, end = force * (self.peak / largest), self.start + length
+
+        def at(now: float) -> Array:
+            weight = min(max(min(now - self.start, end - now) / self.blend, 0.0), 1.0)
+            return weight * np.array([np.interp(now - self.start, time, column) for column in force.T])
+
+        return at, end
+
+
+@dataclass
+class GuidingScenario:
+    """Everything a run depends on."""
+
+    case: str = "end_effector_first"
+    # Seed of the sensors' noise and bias, and of where and how hard the hands press.
+    seed: int = 0
+    # s.
+    duration: float = 5.4
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -30.0, 0.0])
+    # m; the hand misses the middle of the skin by up to this in each direction along the surface.
+    aim_spread: float = 0.012
+    # Share by which the forces of both hands differ from those below.
+    force_spread: float = 0.1
+    # Force of the hand that comes second, as a multiple of its pulls.
+    second_scale: float = 1.0
+    # Pulls in the world. Those at the body: along the skin, around it, and outwards, as it lies at the start.
+    end_effector: Hand = field(default_factory=Hand)
+    body: Hand = field(default_factory=Hand)
+    recording: GuidingRecordingParameters = field(default_factory=GuidingRecordingParameters)
+    system: GuidingCellParameters = field(default_factory=GuidingCellParameters)
+
+    def __post_init__(self) -> None:
+        require_non_negative(self, "aim_spread", "second_scale")
+        require_non_negative(self, "force_spread")
+        if self.force_spread >= 1.0:
+            raise ParameterError("force_spread", f"must be below 1, got {self.force_spread}")
+
+    @property
+    def main(self) -> int:
+        """Which hand comes first: 0 at the end effector, 1 at the body."""
+        return 1 if self.case == "body_first" else 0
+
+
+@dataclass
+class GuidingSetup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: GuidingScenario
+    robot: RobotModel
+    grips: list[Grip]
+    diagram: Diagram
+    cell: GuidingCell
+    recorder: Recorder  # every cycle
+    fast_recorder: Recorder  # every step of the plant
+
+
+@dataclass
+class GuidingRun:
+    """A finished run."""
+
+    setup: GuidingSetup
+    log: Log
+    fast: Log  # velocity and torque_excess at every step of the plant
+    wall: float  # s
+
+
+def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = None) -> GuidingSetup:
+    """Build the diagram of a scenario, with its recorder; `synthetic` is the recording played if none is given."""
+    robot = load_robot(scenario.robot, scenario.home)
+    system = deepcopy(scenario.system)
+    system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
+    if not system.controller.tip_frame:
+        system.controller.tip_frame = system.force_sensor.tip_frame
+        system.controller.tip_point = list(system.force_sensor.tip_point)
+    layout = SkinLayout(robot, system.skin_layout)
+    grips = _grips(scenario, system, robot, layout, synthetic)
+    builder = DiagramBuilder()
+    cell = add_guiding_cell(builder, robot, grips, system, layout, skin_calibration(layout, system))
+    recorder, fast = record(builder, cell, system.controller.period), Recorder(builder, system.time_step)
+    fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fast.add("torque_excess", cell.torque_excess, "Nm")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+    return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
+
+
+def _grips(
+    scenario: GuidingScenario, system: GuidingCellParameters, robot: RobotModel, layout: SkinLayout, synthetic: Path
+) -> list[Grip]:
+    """Return both hands as this seed has them."""
+    rng = np.random.default_rng([scenario.seed, 7])
+    hands = [deepcopy(scenario.end_effector), deepcopy(scenario.body)]
+    for k, hand in enumerate(hands):
+        scale = scenario.second_scale if k != scenario.main else 1.0
+        for pull in hand.pulls:
+            own = 1.0 + scenario.force_spread * rng.uniform(-1.0, 1.0, 3)
+            pull.size = (scale * own * np.asarray(pull.size)).tolist()
+    uv = scenario.aim_spread * rng.uniform(-1.0, 1.0, 2)
+    p_LC, R_LC = layout.surface(uv)
+    # A person's force does not turn with the link.
+    R_WC = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).R_WL[layout.link] @ R_LC
+    for pull in hands[1].pulls:
+        pull.size = (R_WC @ np.asarray(pull.size)).tolist()
+    link, X_LF = robot.frame(system.controller.tip_frame)
+    tip = X_LF @ np.asarray(system.controller.tip_point, dtype=float)
+    profile = None
+    if scenario.case == "recorded":
+        given = scenario.recording
+        source = read_force_recording(given.file or synthetic, index=given.index, rate=given.rate or None)
+        profile, _ = given.profile(source)
+    return [Grip(link, tip, hands[0], profile=profile), Grip(layout.link, p_LC, hands[1])]
+
+
+def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorder:
+    """Record, once a cycle, what the figures and the judgement need."""
+    recorder, n = Recorder(builder, period), cell.robot.n
+    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
+    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
+    recorder.add("skin", cell.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
+    units = {
+        "torque_commanded": "Nm", "priority": "GuidingPriority", "status": "GuidingStatus",
+        "force": "N", "velocity_desired": "m/s", "acceleration_desired": "m/s²", "rank": "1",
+        "unreachable_force": "N", "position_commanded": "rad",
+    }  # fmt: skip
+    recorder.add("torque_excess", cell.torque_excess, "Nm")
+    for name, unit in units.items():
+        recorder.add(name, cell.controller.GetOutputPort(name), unit)
+    return recorder
+
+
+def strongest_contact(reading: SkinReading) -> Array:
+    """Return point (m) and force (N) of the strongest contact in the link frame (6,), zeros without one."""
+    if not reading.contacts:
+        return np.zeros(6)
+    return np.concatenate([reading.contacts[0].p_LC, reading.contacts[0].f_L])
+
+
+class GuidingRuns:
+    """Runs of one scenario: as it is, without the second hand, and with the second hand three times as strong."""
+
+    def __init__(self, scenario: GuidingScenario, synthetic: Path, options: RunOptions | None = None) -> None:
+        self._scenario, self._synthetic, self._options = scenario, synthetic, options or RunOptions()
+        self._done: dict[float, GuidingRun] = {}
+
+    def get(self, second_scale: float = 1.0) -> GuidingRun:
+        """Return the run with the second hand's force multiplied; 0: without it. Each is made once."""
+        if second_scale not in self._done:
+            scenario = deepcopy(self._scenario)
+            scenario.second_scale *= second_scale
+            live = self._options.meshcat if second_scale == 1.0 else None
+            setup = build(scenario, self._synthetic, live)
+            simulator = Simulator(setup.diagram)
+            simulator.set_target_realtime_rate(self._options.realtime_rate if live else 0.0)
+            simulator.Initialize()
+            words = {0.0: "without the second hand", 1.0: ""}.get(second_scale, f"second force × {second_scale:g}")
+            wall = advance(simulator, scenario.duration, f"{scenario.case} {words}".strip())
+            context = simulator.get_context()
+            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
+            self._done[second_scale] = GuidingRun(setup, log, fast, wall)
+        return self._done[second_scale]

@@ -1,0 +1,1 @@
+"""Where touches are, over many scenes."""

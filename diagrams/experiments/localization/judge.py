@@ -1,0 +1,124 @@
+"""How well one random scene is localized: its frames played into the fusion, and the answer against the truth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.localization.published import published_localization
+from experiments.localization.scenario import NEVER, ContactLocalizationScenario
+from experiments.localization.scenes import KINDS, ContactScenes, Touch
+from saphari_drake.perception.contact.law import ContactFusionLaw, Fusion
+from saphari_drake.robots.dynamics import DynamicsTerms
+
+Array = NDArray[np.float64]
+
+
+class Shown(NamedTuple):
+    """One scene as the replay shows it: positions of the plant, and points and forces in the world (k, 3)."""
+
+    positions: Array
+    true: Array  # m
+    found: Array  # m, NaN where nothing was found
+    force: Array  # N, of the person on the robot
+    felt: Array  # N, estimated
+
+
+class Row(NamedTuple):
+    """One judged scene."""
+
+    link: int
+    kind: int
+    error: float  # m
+    link_right: float
+    force_error: float
+    first_error: float  # m, after the first frame
+    vision_error: float  # m, of the cameras alone; NaN: they see nothing near
+    baseline_error: float  # m
+    baseline_link_right: float
+    baseline_force_error: float
+    other_weight: float
+    size: float  # m, radius of what touches
+    other_link: int  # that is touched at the same time (−1: none)
+
+
+def judged_scene(
+    scenario: ContactLocalizationScenario,
+    scenes: ContactScenes,
+    law: ContactFusionLaw,
+    touches: list[Touch],
+    images: list[NDArray[np.float32]],
+    rng: np.random.Generator,
+) -> tuple[list[Row], Shown]:
+    """Play the frames of one scene into the localizer and compare its last answer with the truth of each touch."""
+    p, first = scenario.scenes, touches[0]
+    moving = rng.random() < scenario.moving
+    noise = scenes.torque_noise(rng, scenario.frames)
+    pushes = [scenes.forces(rng, touch, scenario.frames) for touch in touches]
+    memory, early = law.empty(), [NEVER] * len(touches)
+    for k in range(scenario.frames):
+        q = first.q + moving * first.v * k / scenario.cameras[0].rate
+        exact = images if k == 0 or not moving else scenes.images(touches, q)
+        terms = scenes.poses(q)
+        forces = np.array([terms.R_WL[touch.link] @ push[k] for touch, push in zip(touches, pushes)])
+        r = noise[k] + sum(terms.point(touch.link, touch.p_L).Jv_WC.T @ force for touch, force in zip(touches, forces))
+        depth = [scenes.noisy(image, i, rng) for i, image in enumerate(exact)]
+        evidence = law.evidence(q, r, depth)
+        memory = law.remember(memory, evidence)
+        true = np.array([_in_world(terms, touch) for touch in touches])
+        if k == 0:
+            early = _matched(law.decide(memory), terms, true)[1].tolist()
+    result = law.decide(memory)
+    which, error = _matched(result, terms, true)
+    vision = [_in_world(terms, place, place.p_LC) for place in evidence.seen]
+    plain = published_localization(law.visions[0], depth[0], terms, r, 3.0 * p.torque_noise)
+    rows = []
+    for k, touch in enumerate(touches):
+        size, mode = float(np.linalg.norm(forces[k])), which[k]
+        felt = result.forces[mode] if mode >= 0 else np.zeros(3)
+        plain_error = NEVER
+        if plain.link >= 0:
+            plain_error = float(np.linalg.norm(_in_world(terms, plain, plain.p_L) - true[k]))
+        rows.append(
+            Row(
+                link=touch.link,
+                kind=KINDS.index(touch.kind),
+                error=float(error[k]),
+                link_right=float(mode >= 0 and result.modes[mode].link == touch.link),
+                force_error=float(np.linalg.norm(felt - forces[k])) / size,
+                first_error=float(early[k]),
+                vision_error=min((float(np.linalg.norm(point - true[k])) for point in vision), default=np.nan),
+                baseline_error=plain_error,
+                baseline_link_right=float(plain.link == touch.link),
+                baseline_force_error=float(np.linalg.norm(plain.F_W - forces[k])) / size,
+                other_weight=result.second_weight,
+                size=float(scenes.sizes[touch.hand][[0, 2, 3][KINDS.index(touch.kind)]]),
+                other_link=touches[1 - k].link if len(touches) == 2 else -1,
+            )
+        )
+    found = np.array([_in_world(terms, result.modes[m]) if m >= 0 else np.full(3, np.nan) for m in which])
+    felt = np.array([result.forces[m] if m >= 0 else np.zeros(3) for m in which])
+    return rows, Shown(scenes.positions(touches, q), true, found, forces, felt)
+
+
+def _in_world(terms: DynamicsTerms, of, p_L: Array | None = None) -> Array:
+    """Return a point of the link of a touch, a place or a mode in the world (m)."""
+    return terms.p_WL[of.link] + terms.R_WL[of.link] @ (of.p_L if p_L is None else p_L)
+
+
+def _matched(result: Fusion, terms: DynamicsTerms, true: Array) -> tuple[list[int], Array]:
+    """Return, for each true point (k, 3), which contact found it (−1: none) and its error (k,) in m.
+
+    Of two contacts both have to be found; of one, the first that the fusion gives counts.
+    """
+    count = len(true)
+    if len(result.modes) < count:
+        return [-1] * count, np.full(count, NEVER)
+    points = np.array([_in_world(terms, mode) for mode in result.modes[:count]])
+    error = np.linalg.norm(points[None] - true[:, None], axis=2)
+    order = list(range(count))
+    if count == 2 and error[0, 1] + error[1, 0] < error[0, 0] + error[1, 1]:
+        order = [1, 0]
+    return order, error[np.arange(count), order]

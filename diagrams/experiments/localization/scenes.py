@@ -1,0 +1,275 @@
+"""Random still lifes of a person touching the robot: what cameras and joint torques show of them, and the truth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from experiments.localization.parameters import KINDS, SceneParameters, room_depth
+from saphari_drake.errors import ParameterError
+from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
+from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.sensors.depth_noise import add_kinect_noise
+from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
+from saphari_drake.simulation.sensors.visibility import pixels_near
+
+__all__ = ["KINDS", "ContactScenes", "SceneParameters", "Touch", "room_depth"]
+
+Array = NDArray[np.float64]
+Depth = NDArray[np.float32]
+
+_SKIN = np.array([0.85, 0.65, 0.52, 1.0])
+_AWAY = RigidTransform([0.0, 0.0, -50.0])
+
+
+class Touch(NamedTuple):
+    """The truth of one contact, and how the person's hand lies.
+
+    Attributes
+    ----------
+    q, v : (n,) arrays
+        Posture (rad) and velocity (rad/s) at the first frame.
+    link : int
+    p_L, n_L : (3,) arrays
+        Contact point (m) and outward normal in the link's frame.
+    kind : str
+        One of `KINDS`.
+    hand : int
+        Which of the hands.
+    X_LH : RigidTransform
+        Pose of the hand's frame in the link.
+    """
+
+    q: Array
+    v: Array
+    link: int
+    p_L: Array
+    n_L: Array
+    kind: str
+    hand: int
+    X_LH: RigidTransform
+
+
+class ContactScenes:
+    """A robot, hands of several sizes and some cameras, posed at will.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    cameras : sequence of CameraParameters
+    params : SceneParameters
+    seed : int
+        Seed of the hands' sizes.
+    """
+
+    def __init__(
+        self, robot: RobotModel, cameras: list[CameraParameters], params: SceneParameters, seed: int = 0
+    ) -> None:
+        self.robot, self.cameras, self.params = robot, cameras, params
+        rng = np.random.default_rng([seed, 77])
+        # Each hand: finger radius and length, fist radius, forearm radius and length (m).
+        names = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length")
+        self.sizes = np.array([[rng.uniform(*getattr(params, name)) for name in names] for _ in range(params.hands)])
+        builder = DiagramBuilder()
+        self.plant = self.add_plant(builder)
+        scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
+        self._arm = self.plant.GetModelInstanceByName(self._arm_name)
+        self._hands = {
+            (kind, hand): self.plant.GetBodyByName(f"{kind}_{hand}")
+            for hand in range(params.hands)
+            for kind in ("finger", "fist")
+        }
+        for k, camera in enumerate(cameras):
+            system = add_depth_camera(builder, scene_graph, camera, f"camera_{k}")
+            builder.ExportOutput(system.GetOutputPort("depth_image_32f"), f"depth_image_{k}")
+        self.diagram: Diagram = builder.Build()
+        self._context = self.diagram.CreateDefaultContext()
+        self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
+        self._room = [room_depth(camera) for camera in cameras]
+        self._place({})
+
+    def add_plant(self, builder: DiagramBuilder) -> MultibodyPlant:
+        """Add a plant with the robot and all hands, finalized, and its scene graph to a builder."""
+        plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+        self._arm_name = plant.GetModelInstanceName(self.robot.add_to(plant))
+        for hand in range(self.params.hands):
+            for kind in ("finger", "fist"):
+                self._add_hand(plant, kind, hand)
+        plant.Finalize()
+        return plant
+
+    def _add_hand(self, plant: MultibodyPlant, kind: str, hand: int) -> None:
+        """Add a free body: z away from the contact, origin at the tip of the finger, or of the fist without one."""
+        name = f"{kind}_{hand}"
+        body = plant.AddRigidBody(name, plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05))
+        for shape, z, part in self._parts(kind, hand):
+            plant.RegisterVisualGeometry(body, RigidTransform([0.0, 0.0, z]), shape, f"{name}_{part}", _SKIN)
+
+    def _parts(self, kind: str, hand: int):
+        finger, length, fist, arm, arm_length = self.sizes[hand]
+        start = length if kind == "finger" else 0.0
+        parts = [(Sphere(fist), start + fist, "fist"), (Capsule(arm, arm_length), start + fist + arm_length / 2, "arm")]
+        if kind == "finger":
+            straight = length + fist - finger
+            parts.append((Capsule(finger, straight), finger + straight / 2, "finger"))
+        return parts
+
+    def _place(self, hands: dict) -> None:
+        for key, body in self._hands.items():
+            self.plant.SetFreeBodyPose(self._plant_context, body, hands.get(key, _AWAY))
+
+    # ---- drawing ------------------------------------------------------------------------------------------------
+
+    def poses(self, q: Array) -> DynamicsTerms:
+        """Return the robot's kinematics at a posture."""
+        return evaluate_dynamics(self.robot, q, np.zeros(self.robot.n))
+
+    def draw(self, rng: np.random.Generator, link: int, kind: str, q: Array | None = None,
+             other: Touch | None = None) -> Touch:  # fmt: skip
+        """Draw a contact on a link that hands and robot can take without touching elsewhere.
+
+        Parameters
+        ----------
+        q : (n,) array, optional
+            Posture; default: random.
+        other : Touch, optional
+            Contact of the other hand at that posture, from which this one keeps 15 cm away.
+        """
+        shapes, own = self.robot.shapes, np.flatnonzero(self.robot.shapes.link == link)
+        for _ in range(4000 if q is None else 300):
+            posture = self._posture(rng) if q is None else q
+            terms = self.poses(posture)
+            R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
+            s = rng.choice(own)
+            around = rng.normal(size=3)
+            around *= 0.3 / np.linalg.norm(around)
+            around[2] += rng.uniform(-1.0, 1.0) * (shapes.size[s, 1] if shapes.kind[s] == CAPSULE else 0.0)
+            _, p, n = surface_point(shapes.kind[s], shapes.size[s], R_WS[s], p_WS[s], p_WS[s] + R_WS[s] @ around)
+            others = shapes.link != link
+            if nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, others, p)[1] < self.params.margin:
+                continue
+            hand = int(rng.integers(self.params.hands))
+            X_WH = self._hand_pose(rng, kind, hand, p, n)
+            if p[2] < 0.05 or not self._clear(kind, hand, X_WH, p, R_WS, p_WS):
+                continue
+            if other is not None:
+                p_other = terms.p_WL[other.link] + terms.R_WL[other.link] @ other.p_L
+                if np.linalg.norm(p_other - p) < 0.15:
+                    continue
+            R_WL, p_WL = terms.R_WL[link], terms.p_WL[link]
+            X_LH = RigidTransform(RotationMatrix(R_WL), p_WL).inverse() @ X_WH
+            v = rng.uniform(-1.0, 1.0, self.robot.n) * self.params.speed
+            return Touch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LH)
+        raise ParameterError("posture", f"no contact of a {kind} on {self.robot.link_names[link]} could be drawn")
+
+    def _posture(self, rng: np.random.Generator) -> Array:
+        reach = np.full(self.robot.n, self.params.posture)
+        reach[0] *= 2.0
+        q = self.robot.home + rng.uniform(-1.0, 1.0, self.robot.n) * reach
+        return np.clip(q, self.robot.q_min, self.robot.q_max)
+
+    def _hand_pose(self, rng: np.random.Generator, kind: str, hand: int, p: Array, n: Array) -> RigidTransform:
+        finger, _, fist, arm, arm_length = self.sizes[hand]
+        if kind == "forearm":  # its side touches somewhere along its length
+            z = np.cross(n, rng.normal(size=3))
+            z /= np.linalg.norm(z)
+            origin = p + arm * n - (fist + rng.uniform(0.3, 0.9) * arm_length) * z
+        else:
+            z = n + rng.uniform(0.0, 0.7) * _unit(np.cross(n, rng.normal(size=3)))
+            z /= np.linalg.norm(z)
+            origin = p + (finger if kind == "finger" else fist) * (n - z)
+        x = _unit(np.cross(rng.normal(size=3), z))
+        return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), origin)
+
+    def _clear(self, kind: str, hand: int, X_WH: RigidTransform, p: Array, R_WS: Array, p_WS: Array) -> bool:
+        """Whether the hand touches the robot at p only, and nothing below the floor."""
+        shapes, everything = self.robot.shapes, np.ones(self.robot.shapes.count, dtype=bool)
+        for shape, z, _ in self._parts("finger" if kind == "finger" else "fist", hand):
+            radius = shape.radius()
+            half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
+            for t in np.linspace(-half, half, 1 if half == 0.0 else 12):
+                centre = X_WH @ np.array([0.0, 0.0, z + t])
+                if centre[2] < radius:
+                    return False
+                gap = nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, centre)[1] - radius
+                allowed = -1e-6 if np.linalg.norm(centre - p) < radius + 0.03 else 0.005
+                if gap < allowed:
+                    return False
+        return True
+
+    # ---- what sensors show --------------------------------------------------------------------------------------
+
+    def pose(self, touches: list[Touch], q: Array) -> None:
+        """Put the robot at q and the hands where they touch it, all others away."""
+        terms = self.poses(q)
+        placed = {}
+        for touch in touches:
+            X_WL = RigidTransform(RotationMatrix(terms.R_WL[touch.link]), terms.p_WL[touch.link])
+            placed["finger" if touch.kind == "finger" else "fist", touch.hand] = X_WL @ touch.X_LH
+        self._place(placed)
+        self.plant.SetPositions(self._plant_context, self._arm, q)
+
+    def positions(self, touches: list[Touch], q: Array) -> Array:
+        """Return all positions of the plant with the robot at q and the hands where they touch it."""
+        self.pose(touches, q)
+        return self.plant.GetPositions(self._plant_context)
+
+    def images(self, touches: list[Touch], q: Array) -> list[Depth]:
+        """Return the exact depth image of each camera with the robot at q and the hands where they touch it."""
+        self.pose(touches, q)
+        return [
+            np.minimum(self.diagram.get_output_port(k).Eval(self._context).data[..., 0], room)
+            for k, room in enumerate(self._room)
+        ]
+
+    def background(self, camera: int, rng: np.random.Generator, frames: int = 5) -> list[Depth]:
+        """Return noisy images of a camera with robot and person out of view."""
+        return [self.noisy(self._room[camera], camera, rng) for _ in range(frames)]
+
+    def noisy(self, image: Depth, camera: int, rng: np.random.Generator) -> Depth:
+        """Return an image as a Kinect would measure it."""
+        return add_kinect_noise(image, rng, self.params.noise, self.cameras[camera])
+
+    def visible(self, image: Depth, camera: int, touch: Touch, q: Array) -> bool:
+        """Whether the camera sees enough of the person beside the contact, in an exact image."""
+        terms, p = self.poses(q), self.params
+        p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
+        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, p_W, p.visible_radius)
+        return pixels >= p.visible_pixels
+
+    def forces(self, rng: np.random.Generator, touch: Touch, frames: int) -> Array:
+        """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
+        p = self.params
+        inward = -touch.n_L
+        size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())
+        side = _unit(np.cross(inward, rng.normal(size=3)))
+        forces = np.zeros((frames, 3))
+        drift = np.zeros(3)
+        for k in range(frames):
+            if k > 0:
+                drift = 0.8 * drift + 0.6 * p.wander * rng.normal(size=3)
+            tangent = tilt * side + drift - (drift @ inward) * inward
+            tangent *= min(1.0, p.friction / max(float(np.linalg.norm(tangent)), 1e-9))
+            forces[k] = size * (1.0 + drift @ inward) * (inward + tangent) / np.sqrt(1.0 + tilt**2)
+        return forces
+
+    def torque_noise(self, rng: np.random.Generator, frames: int) -> Array:
+        """Return the error of the residual in each frame, (frames, n) Nm."""
+        p = self.params
+        noise = rng.normal(size=(frames, self.robot.n)) * p.torque_noise
+        for k in range(1, frames):
+            noise[k] = p.torque_memory * noise[k - 1] + np.sqrt(1.0 - p.torque_memory**2) * noise[k]
+        return noise
+
+
+def _unit(a: Array) -> Array:
+    return a / np.linalg.norm(a)

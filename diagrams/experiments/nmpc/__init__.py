@@ -1,0 +1,1 @@
+"""Predictive control past obstacles and people."""

@@ -1,0 +1,125 @@
+"""The omniRob's job of Section 3: a path through six obstacles, or past a person, also without slipping sideways."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.nmpc.build import NmpcCellParameters
+from experiments.nmpc.jobs import OBSTACLES, OMNIROB_POINTS, NmpcJob, Pose, fixed_obstacles, pose_of
+from saphari_drake.control.nmpc.problem import NmpcParameters
+from saphari_drake.control.reverse_priority.activation import quintic
+from saphari_drake.errors import ParameterError
+from saphari_drake.messages import ObstaclePoints
+from saphari_drake.parameters import require_positive
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.motion import HumanMotionParameters, HumanPath
+
+Array = NDArray[np.float64]
+BASE = ("px", "py", "pz")
+TIP = "link_7"
+
+
+@dataclass
+class MobilePathParameters:
+    """The end effector's path: along y at constant speed and height."""
+
+    # m/s, and y at which it ends (m). The published problem.
+    speed: float = 0.2
+    end: float = 6.0
+    # m; height of the path. The published problem.
+    height: float = 1.2
+    # m; how far the path of the case nonholonomic moves sideways, and between which y it does. A.
+    shift: float = 0.4
+    shift_from: float = 1.0
+    shift_to: float = 4.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "speed", "height")
+        if not self.shift_from < self.shift_to:
+            raise ParameterError("shift_to", f"must exceed shift_from, got {self.shift_to}")
+
+
+def person_beside_the_path() -> HumanMotionParameters:
+    """Return a person who stands at the right of the path and reaches across it."""
+    return HumanMotionParameters(position=[-0.35, 3.0, 1.3])
+
+
+def problem_controller() -> NmpcParameters:
+    """Return the weights of the published problem."""
+    return NmpcParameters(
+        Q_v=[0.2, 0.2, 0.2, *[0.05] * 7],
+        Q_q=[0.02],
+        R_q=[0.1],
+        velocity_scale=[1.0, 1.0, 1.0, *[0.5] * 7],
+        clearance_margin=0.005,
+    )
+
+
+@dataclass
+class MobileParameters:
+    """The mobile manipulator's job, its cell and the person."""
+
+    path: MobilePathParameters = field(default_factory=MobilePathParameters)
+    cell: NmpcCellParameters = field(default_factory=lambda: NmpcCellParameters(controller=problem_controller()))
+    # Of the cases human and human_seen.
+    person: HumanMotionParameters = field(default_factory=person_beside_the_path)
+    # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. A.
+    reaction: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_positive(self, "reaction")
+
+
+def mobile_start(robot: RobotModel) -> Array:
+    """Return joint positions with the platform heading along y, at x = 0, and the end effector at y = 0."""
+    q = robot.home.copy()
+    q[:3] = 0.0, 0.0, 0.5 * np.pi
+    q[1] = -pose_of(robot, TIP, q)[1][1]
+    return q
+
+
+def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJob:
+    """Return the job of a case."""
+    start = mobile_start(robot)
+    R_start, _ = pose_of(robot, TIP, start)
+    path = params.path
+    turning = case == "nonholonomic"
+
+    def reference(time: float) -> Pose:
+        y = min(path.speed * time, path.end)
+        if not turning:
+            return R_start, np.array([0.0, y, path.height])
+        x, slope = _shifted(path, y)
+        angle = np.arctan2(slope, 1.0)  # to the right of y
+        c, s = np.cos(-angle), np.sin(-angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_start, np.array([x, y, path.height])
+
+    obstacles: Callable[[float], ObstaclePoints]
+    if case in ("human", "human_seen"):
+        obstacles = HumanPath(params.person)
+    elif case == "nonholonomic":
+        obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
+    else:
+        obstacles = fixed_obstacles(OBSTACLES)
+    return NmpcJob(robot, TIP, OMNIROB_POINTS, start, reference, obstacles)
+
+
+def _shifted(path: MobilePathParameters, y: float) -> tuple[float, float]:
+    """Return x and dx/dy of the path that moves sideways."""
+    length = path.shift_to - path.shift_from
+    a = min(max((y - path.shift_from) / length, 0.0), 1.0)
+    return path.shift * float(quintic(a)), path.shift * 30.0 * a**2 * (1.0 - a) ** 2 / length
+
+
+def controller_for(case: str, params: NmpcParameters) -> NmpcParameters:
+    """Set what makes a case: obstacles in the objective, in the constraints, and whether the platform can slip."""
+    params.obstacle_cost = case != "1"
+    params.obstacle_constraints = case not in ("1", "2")
+    params.nonholonomic = list(BASE) if case == "nonholonomic" else []
+    if case in ("human", "human_seen"):
+        # A hand that starts to move with 4 m/s² is 5 cm from where it was expected before a stop has begun to work.
+        params.clearance_margin = 0.05
+        params.retreat = True
+    return params

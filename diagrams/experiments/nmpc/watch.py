@@ -1,0 +1,71 @@
+"""A ceiling camera that tells the predictive controller where people are."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from experiments.nmpc.jobs import NmpcJob
+from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.perception.contact.vision import LocalizerParameters, background_depth
+from saphari_drake.perception.obstacles.tracker import ObstacleTracker
+from saphari_drake.perception.obstacles.tracks import ObstacleTrackerParameters
+from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters, add_kinect_noise
+from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
+from saphari_drake.simulation.world.hand_and_floor import add_floor
+
+FLOOR = 16.0  # m; edge of the floor
+
+
+def _ceiling_camera() -> CameraParameters:
+    return CameraParameters(
+        width=320, height=240, focal_x=287.5, focal_y=287.5, rate=15.0, position=[1.1, 3.0, 2.9], target=[0.2, 3.0, 1.1]
+    )
+
+
+@dataclass
+class ObstacleWatch:
+    """The camera, and what makes obstacle points of its images."""
+
+    # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
+    camera: CameraParameters = field(default_factory=_ceiling_camera)
+    sampler: SamplerParameters = field(default_factory=SamplerParameters)
+    vision: LocalizerParameters = field(default_factory=LocalizerParameters)
+    tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
+
+
+def empty_background(params: ObstacleWatch, frames: int = 6) -> NDArray[np.float32]:
+    """Return the background depth image (m) from noisy frames of the cell without robot and person."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    add_floor(plant, size=FLOOR)
+    plant.Finalize()
+    camera = add_depth_camera(builder, scene_graph, params.camera)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    image = camera.GetOutputPort("depth_image_32f").Eval(camera.GetMyContextFromRoot(context))
+    exact = image.data[..., 0].copy()
+    noise = params.sampler.noise
+    rngs = [np.random.default_rng([noise.seed, k]) for k in range(frames)]
+    images = [add_kinect_noise(exact, rng, noise, params.camera) for rng in rngs]
+    return background_depth(np.array(images), params.vision)
+
+
+def add_obstacle_watch(
+    builder: DiagramBuilder, scene_graph: SceneGraph, job: NmpcJob, params: ObstacleWatch, position: OutputPort
+) -> OutputPort:
+    """Add camera, sampler and tracker to a diagram whose geometry is complete; return the obstacle points they see."""
+    camera = add_depth_camera(builder, scene_graph, params.camera)
+    sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, params.sampler))
+    background = empty_background(params)
+    tracker = builder.AddNamedSystem(
+        "obstacle_tracker", ObstacleTracker(job.robot, params.camera, params.tracker, params.vision, background)
+    )
+    builder.Connect(camera.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
+    builder.Connect(sampler.GetOutputPort("depth_image"), tracker.GetInputPort("depth_image"))
+    builder.Connect(sampler.GetOutputPort("image_time"), tracker.GetInputPort("image_time"))
+    builder.Connect(position, tracker.GetInputPort("position_measured"))
+    return tracker.GetOutputPort("obstacles")

@@ -1,0 +1,1 @@
+"""Compliance beside a ball and a wall."""

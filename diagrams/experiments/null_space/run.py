@@ -1,0 +1,227 @@
+"""What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
+
+import time
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from experiments.contact.run import load_robot
+from saphari_drake.errors import ParameterError
+from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
+from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
+from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.scenario import dump, to_tree
+from saphari_drake.simulation.view.replay import Arrow, write_replay
+from saphari_drake.simulation.world.obstacle_cell import add_obstacle_cell
+from saphari_drake.simulation.world.references import StraightMotion, StraightMotionParameters
+
+Array = NDArray[np.float64]
+CASES = {
+    "none": "no observer: task-space PD+ and null-space impedance",
+    "task_error": "observer from the task error, Proposition 1",
+    "task_error_pd": "PD+ with observer from the task error, Proposition 2",
+    "momentum": "observer from the generalized momentum, Proposition 3",
+}
+RECORD_PERIOD = 0.01  # s
+
+
+@dataclass
+class NullSpaceScenario:
+    """Everything a run depends on."""
+
+    case: str = "momentum"
+    # Seed of where the obstacle touches and from which direction.
+    seed: int = 0
+    # s.
+    duration: float = 16.0
+    # Catalog name, or path of a URDF or SDF.
+    robot: str = "lwr4"
+    # deg (m for prismatic joints); posture at the start, and rest posture of the body. Empty: the model's own home.
+    home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
+    # m; the obstacle misses the aimed point by up to this along the link.
+    aim_spread: float = 0.01
+    # deg; and its direction differs from the given one by up to this.
+    direction_spread: float = 5.0
+    # Whether the end effector moves along `motion`, or stays.
+    moving: bool = False
+    motion: StraightMotionParameters = field(default_factory=StraightMotionParameters)
+    system: NullSpaceCellParameters = field(default_factory=NullSpaceCellParameters)
+
+
+@dataclass
+class Setup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: NullSpaceScenario
+    robot: RobotModel
+    diagram: Diagram
+    parts: NullSpaceCell
+    recorder: Recorder
+    fast_recorder: Recorder  # every step of the plant
+
+
+@dataclass
+class Run:
+    """A finished run."""
+
+    setup: Setup
+    log: Log
+    fast: Log  # velocity and torque_excess at every step of the plant
+    wall: float  # s
+    cpu: float  # s; time of the processor, which other programs do not lengthen
+
+    def task_forces(self) -> tuple[Array, Array, Array]:
+        """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
+        log, controller, robot = self.log, self.setup.parts.controller, self.setup.robot
+        rows: list[list[Array]] = [[], [], []]
+        torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
+        for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
+            J_inv = controller.kinematics(evaluate_dynamics(robot, q, v)).task.J_inv
+            for row, torque in zip(rows, torques):
+                row.append(J_inv.T @ torque[k])
+        return np.array(rows[0]), np.array(rows[1]), np.array(rows[2])
+
+    def elbow(self) -> Array:
+        """Return the displacement (T,) of the end of the touched link (origin of the next one) from the start (m)."""
+        cell, robot = self.setup.scenario.system.cell, self.setup.robot
+        touch = cell.wall.touch if cell.obstacle == "wall" else cell.ball.touch
+        link = min(robot.link_index(touch.link) + 1, robot.n - 1)
+        path = np.array([point_position(robot, q, link, np.zeros(3)) for q in self.log["position"]])
+        return np.asarray(np.linalg.norm(path - path[0], axis=1))
+
+    def error(self) -> Array:
+        """Return the distance from the desired position (T,) (m)."""
+        return np.asarray(np.linalg.norm(self.log["task_error"][:, -3:], axis=1))
+
+
+def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
+    """Build the diagram of a scenario, with its recorder."""
+    robot = load_robot(scenario.robot, scenario.home)
+    builder = DiagramBuilder()
+    parts = add_null_space_cell(builder, robot, aimed(scenario))
+    if scenario.moving:
+        start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
+        builder.AddNamedSystem("motion", motion)
+        for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
+            builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
+    recorder, fast = _record(builder, parts), Recorder(builder, scenario.system.cell.time_step)
+    fast.add("velocity", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fast.add("torque_excess", parts.controller.GetOutputPort("torque_excess"), "Nm")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+    return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
+
+
+def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
+    """Return the system's parameters with the obstacle shifted along the touched link and turned by the seed."""
+    system: NullSpaceCellParameters = deepcopy(scenario.system)
+    rng = np.random.default_rng(scenario.seed)
+    shift, turn = scenario.aim_spread * rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0) * np.pi
+    tilt = np.tan(np.deg2rad(scenario.direction_spread * rng.uniform()))
+    for touch in (system.cell.ball.touch, system.cell.wall.touch):
+        touch.aim = [*touch.aim[:2], touch.aim[2] + float(shift)]
+        R_WD = RotationMatrix.MakeFromOneVector(touch.direction, 2)
+        touch.direction = R_WD.multiply([tilt * np.cos(turn), tilt * np.sin(turn), 1.0]).tolist()
+    return system
+
+
+def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
+    recorder, cell = Recorder(builder, RECORD_PERIOD), parts.cell
+    n, num_positions = cell.robot.n, cell.plant.num_positions()
+    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
+    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
+    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder.add("contact_torque", cell.contact_torque, "Nm")
+    recorder.add("contact", cell.plant.get_contact_results_output_port(), "N, m", contact_on_robot, 6)
+    recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
+    recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
+    for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
+        recorder.add(name, parts.controller.GetOutputPort(name), unit)
+    return recorder
+
+
+def require_dwell(scenario: NullSpaceScenario) -> None:
+    """Demand a run that lasts until the ball departs, since the error is judged just before."""
+    end = scenario.system.cell.ball.departure
+    if scenario.duration < end:
+        raise ParameterError("duration", f"must reach the departure of the ball at {end:.2f} s, or shorten ball.dwell")
+
+
+def speed(*runs: Run) -> list[Metric]:
+    """Return how much faster than real time the slowest run is, on the clock and on one core for itself."""
+    wall, core = (min(run.setup.scenario.duration / getattr(run, name) for run in runs) for name in ("wall", "cpu"))
+    return [
+        Metric("real_time_factor", wall, "1", 1.0, decides=False),
+        Metric("real_time_factor_one_core", core, "1", 1.0, decides=False),
+    ]
+
+
+def limits(*runs: Run) -> list[Metric]:
+    """Return how far the runs use the joints' limits, at every step of the plant."""
+    velocity, excess = (np.vstack([run.fast[name] for run in runs]) for name in ("velocity", "torque_excess"))
+    return limit_metrics(runs[0].setup.robot, velocity, excess)
+
+
+def contact_on_robot(results: ContactResults) -> Array:
+    """Return the obstacle's force (N, world) and its point (m, world), zeros without contact; there is one obstacle."""
+    force, point = np.zeros(3), np.zeros(3)
+    for i in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(i)
+        # contact_force() acts on body B; the robot was added first and has the lower index.
+        force += info.contact_force() * (1.0 if info.bodyB_index() < info.bodyA_index() else -1.0)
+        point = info.contact_point()
+    return np.concatenate([force, point])
+
+
+class Runs:
+    """Runs of one process, each made once: a case and the runs that it is compared with."""
+
+    def __init__(self) -> None:
+        self._done: dict[str, Run] = {}
+
+    def get(self, scenario: NullSpaceScenario, options: RunOptions | None = None, **changes: Any) -> Run:
+        """Return the run of a scenario, with its case (`observer`) or its `obstacle` changed."""
+        scenario = deepcopy(scenario)
+        observer = changes.get("observer", scenario.case)
+        scenario.case = scenario.system.controller.observer = observer
+        scenario.system.cell.obstacle = changes.get("obstacle", scenario.system.cell.obstacle)
+        key = dump(to_tree(scenario))
+        if key not in self._done:
+            options = options or RunOptions()
+            setup = build(scenario, options.meshcat)
+            simulator = Simulator(setup.diagram)
+            simulator.set_target_realtime_rate(options.realtime_rate)
+            simulator.Initialize()
+            start = time.process_time()
+            wall = advance(simulator, scenario.duration, observer)
+            cpu, context = time.process_time() - start, simulator.get_context()
+            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
+            self._done[key] = Run(setup, log, fast, wall, cpu)
+        return self._done[key]
+
+
+def replay(run: Run, path: Path, title: str) -> None:
+    """Write the run as a page that plays offline, with the contact force as an arrow."""
+    robot, scale = run.setup.robot, 0.01
+
+    def plant(builder: DiagramBuilder):
+        return add_obstacle_cell(builder, robot, aimed(run.setup.scenario).cell).plant
+
+    force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
+    arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
+    camera = ((1.6, 1.6, 1.2), (0.2, 0.0, 0.5))
+    write_replay(path, plant, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title)

@@ -1,0 +1,1 @@
+"""Tasks by priority, planar and in space."""

@@ -1,0 +1,75 @@
+"""When a contact force is controlled: a gate on its size, and a stop for contacts that become too fast."""
+
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.messages import ForceStatus, Immutable, InteractionMode
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForceGate(Immutable):
+    """Whether the force is controlled, and how large it shall be at the moment.
+
+    Attributes
+    ----------
+    open : bool
+        Whether the force is controlled.
+    size : float
+        Size of the aligned desired force (N); 0 while closed.
+    stopped : bool
+        Whether the speed stop has acted; it holds until the contact is released.
+    stop_velocity : (3,) array
+        Velocity of the contact, measured or foreseen, for which it acted (m/s, world).
+    """
+
+    open: bool = False
+    size: float = 0.0
+    stopped: bool = False
+    stop_velocity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def after(self, mode: InteractionMode, force: float, params: ContactForceControlParameters) -> Self:
+        """Return the gate of the next cycle, with the estimated force of size `force` (N).
+
+        The desired size starts from the estimate, goes to its final value at the force rate, and never exceeds the
+        estimate by more than the largest deficit.
+        """
+        if mode in (InteractionMode.HOLD, InteractionMode.RETURN):
+            return type(self)()
+        # A force that is not a number closes the gate.
+        threshold = params.gate_off if self.open else params.gate_on
+        if mode != InteractionMode.CONTACT or self.stopped or not force > threshold:
+            return replace(self, open=False, size=0.0)
+        size = params.desired_force
+        if params.force_rate > 0.0:
+            start, step = (self.size, params.force_rate * params.period) if self.open else (force, 0.0)
+            size = start + float(np.clip(size - start, -step, step))
+        return replace(self, open=True, size=min(size, force + params.max_deficit))
+
+    def checked(self, velocity: Array, acceleration: Array, params: ContactForceControlParameters) -> Self:
+        """Return the gate, stopped if velocity and acceleration (3,) of the contact bring it near the speed limit."""
+        foreseen = velocity + params.stop_lead * acceleration
+        worst = max(velocity, foreseen, key=lambda v: float(np.linalg.norm(v)))
+        # A velocity that is not a number stops.
+        if np.linalg.norm(foreseen) < np.inf and np.linalg.norm(worst) < params.stop_share * params.speed_limit:
+            return self
+        return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(worst))
+
+    def status(self, mode: InteractionMode) -> ForceStatus:
+        """Return why no force is controlled."""
+        if mode == InteractionMode.CONTACT:
+            return ForceStatus.SPEED_STOP if self.stopped else ForceStatus.WEAK
+        return _WITHOUT_CONTACT[mode]
+
+
+_WITHOUT_CONTACT = {
+    InteractionMode.HOLD: ForceStatus.HOLD,
+    InteractionMode.RETURN: ForceStatus.RELEASED,
+    InteractionMode.YIELD: ForceStatus.UNSEEN,
+    InteractionMode.STOP: ForceStatus.NO_CAMERA,
+}

@@ -1,0 +1,1 @@
+"""Hand guiding by touches on the skin and at the tool."""

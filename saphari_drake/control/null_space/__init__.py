@@ -1,0 +1,1 @@
+"""Compliance of the null space below a Cartesian task."""

@@ -1,0 +1,1 @@
+"""Task priorities with reversed recursion: velocities for stacks of tasks and bounds."""

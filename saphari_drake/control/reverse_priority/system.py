@@ -1,0 +1,177 @@
+"""Redundancy resolution in reverse priority with hard and soft unilateral constraints, eq. (23)–(32)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from saphari_drake.control.reverse_priority.stack import REFERENCE_SIZE, PriorityStack, StackResult, evaluate_component
+from saphari_drake.control.reverse_priority.tasks import FrameTask, Level
+from saphari_drake.errors import ParameterError
+from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.systems import cycle, declare_cache, declare_readouts
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ReversePriorityParameters:
+    """Numbers of the method; A unless marked."""
+
+    # s; the control cycle.
+    period: float = 0.005
+    # 0 … 1, share of the command before that is kept where no task decides, eq. (27); "equal or close to 1".
+    decay: float = 0.95
+    # λ_s, in the unit of the task Jacobians: a singular value well below it is damped.
+    damping: float = 0.1
+    # μ, strength of that damping.
+    task_damping: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "period", "damping", "task_damping")
+        require_non_negative(self, "decay")
+        if self.decay > 1.0:
+            raise ParameterError("decay", f"must not exceed 1, got {self.decay}")
+
+
+def frame_reference(X_WF: RigidTransform, V_WF: Sequence[float] | Array = (0.0,) * 6) -> Array:
+    """Return the reference (18,) of a `FrameTask`: desired pose, and spatial velocity [ω; v], in the world."""
+    return np.concatenate([X_WF.rotation().matrix().ravel(), X_WF.translation(), np.asarray(V_WF, dtype=float)])
+
+
+def position_reference(p: Sequence[float] | Array, v: Sequence[float] | Array = (0.0,) * 3) -> Array:
+    """Return the reference (18,) of a `FrameTask` without orientation: desired position (m) and velocity (m/s)."""
+    return np.concatenate([np.eye(3).ravel(), np.asarray(p, dtype=float), np.zeros(3), np.asarray(v, dtype=float)])
+
+
+def scalar_reference(value: float, rate: float = 0.0) -> Array:
+    """Return the reference (18,) of a `ScalarTask`: desired value and velocity, in the unit of its component."""
+    return np.concatenate([[value, rate], np.zeros(REFERENCE_SIZE - 2)])
+
+
+class ReversePriorityController(LeafSystem):
+    """Joint velocities for a stack of tasks and unilateral constraints.
+
+    .. pydrake_system::
+
+        name: ReversePriorityController
+        input_ports:
+        - position_measured
+        - references
+        - targets
+        output_ports:
+        - velocity_commanded
+        - activation
+        - task_error
+        - smallest_singular_value
+        - constraint_excess
+        - task_scale
+        - status
+
+    Ports
+    -----
+    position_measured : n (rad or m), from a joint sensor.
+    references : 18 a task, in the order of the stack; see `frame_reference`, `position_reference`, `scalar_reference`.
+        Without it, every task keeps what it has at the home posture.
+    targets : 6 a target (m, m/s, world), position and velocity. Only if the stack refers to any.
+    velocity_commanded : n (rad/s or m/s), within the velocity limits.
+    activation : h of each constraint, in the order of ``stack.sides``; 1 number, 0, if there is none.
+    task_error : reference minus value of each task row (m, rad, or the unit of the component).
+    smallest_singular_value : of each task's Jacobian.
+    constraint_excess : x − x̄ of each constraint; positive beyond the bound. 1 number, 0, if there is none.
+    task_scale : 1, factor on what the tasks asked for, below 1 while the velocity limits need that.
+    status : 1; 0: as asked, 1: tasks scaled, 2: the hard constraints need more than the velocity limits allow.
+
+    From the lowest level up, each adds the step of (24) in its regularised form; the velocity below all of them is
+    λ times the command before, eq. (27), which is the only state. The velocity limits scale what the tasks ask for,
+    never single joints, and the hard constraints are put on after that. They hold as long as status is not 2; between
+    two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds that margin.
+    """
+
+    def __init__(
+        self, robot: RobotModel, levels: Sequence[Level], params: ReversePriorityParameters | None = None
+    ) -> None:
+        super().__init__()
+        self._params = params or ReversePriorityParameters()
+        self.stack = PriorityStack(robot, levels, self._params.damping, self._params.task_damping)
+        stack, n = self.stack, robot.n
+        self._home = home_references(stack)
+        self._position = self.DeclareVectorInputPort("position_measured", BasicVector(n))
+        self._references = self.DeclareVectorInputPort("references", BasicVector(max(self._home.size, 1)))
+        tickets = {self._position.ticket(), self._references.ticket()}
+        self._targets = None
+        if stack.num_targets:
+            self._targets = self.DeclareVectorInputPort("targets", BasicVector(6 * stack.num_targets))
+            tickets.add(self._targets.ticket())
+        self._before = self.DeclareDiscreteState(n)
+        tickets.add(self.discrete_state_ticket(self._before))
+        far = np.full((stack.num_targets, 6), 1e3)
+        # Solved here once, which compiles the kernels before the first control step.
+        first = stack.solve(robot.home, np.zeros(n), self._home, far, self._params.period)
+        self._output = declare_cache(self, "command", first, self._evaluate, tickets)
+        count = max(len(stack.sides), 1)
+        declare_readouts(
+            self,
+            self._output,
+            {
+                "velocity_commanded": (n, lambda r: r.v),
+                "activation": (count, lambda r: _or_zero(r.activation)),
+                "task_error": (stack.rows, lambda r: r.error),
+                "smallest_singular_value": (len(stack.tasks), lambda r: smallest_singular_values(stack, r.J_tasks)),
+                "constraint_excess": (count, lambda r: _or_zero(r.x - stack.bounds)),
+                "task_scale": (1, lambda r: [r.scale]),
+                "status": (1, lambda r: [float(r.status)]),
+            },
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
+
+    def _evaluate(self, context: Context) -> StackResult:
+        stack, references = self.stack, self._home
+        if self._references.HasValue(context):
+            references = np.array(self._references.Eval(context)).reshape(-1, REFERENCE_SIZE)
+        targets = np.zeros((0, 6))
+        if self._targets is not None:
+            targets = np.array(self._targets.Eval(context)).reshape(-1, 6)
+        v_start = self._params.decay * context.get_discrete_state(self._before).value()
+        q = self._position.Eval(context)
+        return stack.solve(q, v_start, references, targets, self._params.period)
+
+    def _update(self, context: Context, state: State) -> None:
+        now: StackResult = self._output.Eval(context)
+        state.get_mutable_discrete_state(self._before).SetFromVector(now.v)
+
+
+def home_references(stack: PriorityStack) -> Array:
+    """Return the references (tasks, 18) that hold the frames at the robot's home posture, scalar components at 0."""
+    robot, t = stack.robot, stack.robot.tree
+    R_WL, p_WL, *_ = tree_kinematics(
+        t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, robot.home, np.zeros(robot.n)
+    )
+    references = np.zeros((len(stack.tasks), REFERENCE_SIZE))
+    for row, task in zip(references, stack.tasks):
+        if isinstance(task, FrameTask):
+            R, p = (R_WL[task.link], p_WL[task.link]) if task.link >= 0 else (np.eye(3), np.zeros(3))
+            row[:9], row[9:12] = (R @ np.reshape(task.R_LF, (3, 3))).ravel(), p + R @ np.array(task.p_LC)
+        else:
+            far = np.full((stack.num_targets + 1, 6), 1e3)
+            row[0] = evaluate_component(robot, task.component, robot.home, far)[0] if task.component.kind < 2 else 0.0
+    return references
+
+
+def smallest_singular_values(stack: PriorityStack, J: Array) -> Array:
+    """Return the smallest singular value of the Jacobian of each task."""
+    values, row = np.empty(len(stack.tasks)), 0
+    for i, task in enumerate(stack.tasks):
+        rows = J[row : row + task.size]
+        values[i] = np.sqrt(max(np.linalg.eigvalsh(rows @ rows.T)[0], 0.0))
+        row += task.size
+    return values
+
+
+def _or_zero(values: Array) -> Array:
+    return values if len(values) else np.zeros(1)

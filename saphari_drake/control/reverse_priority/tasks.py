@@ -1,0 +1,219 @@
+"""Tasks and unilateral constraints of a priority stack as small objects, and their table for the compiled pass.
+
+A *component* says what of the robot is meant. A *task* brings one to a reference, a *bound* keeps one in a range; a
+list of bounds is a level of constraints. Hard or soft is a matter of the place in the stack: bounds are hard for the
+levels after them and soft for those before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saphari_drake.control.reverse_priority import components as features
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Component:
+    """A scalar component x_C(q) as a row of the table of `components`; use the functions below."""
+
+    name: str
+    kind: int
+    link: int
+    p_LC: tuple[float, float, float]
+    index: int
+    direction: tuple[float, float, float]
+    length: float
+    unit: str
+
+
+def joint_coordinate(robot: RobotModel, joint: str) -> Component:
+    """Position of a joint (rad or m)."""
+    return Component(joint, features.JOINT, -1, (0.0,) * 3, robot.joint_index(joint), (0.0,) * 3, 0.0, "rad")
+
+
+def plane_distance(
+    robot: RobotModel, frame: str, normal: ArrayLike, offset: float = 0.0, p_FC: ArrayLike = (0, 0, 0)
+) -> Component:
+    """Signed distance n·p − offset (m) of a point of a frame to a plane of the world, such as a virtual wall."""
+    link, p_LC = fixed_point(robot, frame, p_FC)
+    return Component(f"{frame} to plane", features.PLANE, link, p_LC, 0, _unit(normal, "normal"), float(offset), "m")
+
+
+def target_distance(
+    robot: RobotModel, frame: str, target: int, radius: float = 0.0, p_FC: ArrayLike = (0, 0, 0)
+) -> Component:
+    """Distance (m) of a point of a frame to a moving target, less a radius (of the target, the link, or both)."""
+    link, p_LC = fixed_point(robot, frame, p_FC)
+    name = f"{frame} to target {target}"
+    return Component(name, features.DISTANCE, link, p_LC, _target(target), (0.0,) * 3, float(radius), "m")
+
+
+def view_cosine(robot: RobotModel, frame: str, target: int, axis: ArrayLike = (0, 0, 1)) -> Component:
+    """Cosine of the angle between the optical axis (in a camera's frame) and the ray from there to a moving target.
+
+    A lower bound of cos(half the field of view) keeps the target in the image.
+    """
+    link, p_LC = fixed_point(robot, frame, (0, 0, 0))
+    R_LF = robot.frame(frame)[1].rotation().matrix()
+    direction = _triple(R_LF @ np.array(_unit(axis, "axis")))
+    return Component(
+        f"{frame} view of target {target}", features.VIEW, link, p_LC, _target(target), direction, 0.0, "1"
+    )
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Unilateral constraints lower ≤ x_C ≤ upper with a smooth activation; either side may be infinite.
+
+    Attributes
+    ----------
+    component : Component
+    lower, upper : float
+        Range, in the unit of the component.
+    buffer : float
+        β_p, how far inside the range the activation begins.
+    velocity_buffer : float
+        β_v, velocity away from the bound at which the constraint is released.
+    gain : float
+        1/s, rate of the way back from outside the range.
+    """
+
+    component: Component
+    lower: float = -np.inf
+    upper: float = np.inf
+    buffer: float = 0.05
+    velocity_buffer: float = 0.1
+    gain: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "buffer", "velocity_buffer")
+        require_non_negative(self, "gain")
+        if not self.lower <= self.upper:
+            raise ParameterError(
+                "lower", f"{self.component.name}: {self.lower} lies above the upper bound {self.upper}"
+            )
+        if not (np.isfinite(self.lower) or np.isfinite(self.upper)):
+            raise ParameterError("lower", f"{self.component.name}: neither bound is finite")
+
+
+def joint_limits(robot: RobotModel, margin: float = 0.0, buffer: float = 0.1, gain: float = 10.0) -> list[Bound]:
+    """Return the position limits of all joints that have any, moved inwards by a margin (rad or m)."""
+    bounds = []
+    for name, low, high in zip(robot.joint_names, robot.q_min, robot.q_max, strict=True):
+        if np.isfinite(low) or np.isfinite(high):
+            bounds.append(Bound(joint_coordinate(robot, name), low + margin, high - margin, buffer, gain=gain))
+    return bounds
+
+
+@dataclass(frozen=True)
+class FrameTask:
+    """Brings a frame, or some of its coordinates, to a reference: position, orientation or both.
+
+    Attributes
+    ----------
+    name : str
+    link : int
+    p_LC, R_LF : tuples
+        Pose of the frame in the link.
+    axes : tuple of int
+        Which of the rows [ω_x, ω_y, ω_z, v_x, v_y, v_z] (world) the task has.
+    gain : float
+        1/s, on the error.
+    """
+
+    name: str
+    link: int
+    p_LC: tuple[float, float, float]
+    R_LF: tuple[float, ...]
+    axes: tuple[int, ...]
+    gain: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_non_negative(self, "gain")
+        if not self.axes or set(self.axes) - set(range(6)) or len(set(self.axes)) < len(self.axes):
+            raise ParameterError("axes", f"needs different numbers of 0 … 5, got {self.axes}")
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.axes)
+
+
+@dataclass(frozen=True)
+class ScalarTask:
+    """Brings a component to a reference.
+
+    Attributes
+    ----------
+    component : Component
+    gain : float
+        1/s, on the error.
+    """
+
+    component: Component
+    gain: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_non_negative(self, "gain")
+
+    @property
+    def name(self) -> str:
+        """Name of the component."""
+        return self.component.name
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return 1
+
+
+Task = FrameTask | ScalarTask
+Level = Task | Sequence[Bound]
+
+
+def position_task(robot: RobotModel, frame: str, axes: str = "xyz", gain: float = 10.0) -> FrameTask:
+    """Return the task of a frame's origin, or of some of its world coordinates."""
+    return _frame_task(robot, frame, tuple(3 + "xyz".index(axis) for axis in axes), gain)
+
+
+def pose_task(robot: RobotModel, frame: str, gain: float = 10.0) -> FrameTask:
+    """Return the task of a frame's orientation and position; the orientation error lives on SO(3)."""
+    return _frame_task(robot, frame, (0, 1, 2, 3, 4, 5), gain)
+
+
+def _frame_task(robot: RobotModel, frame: str, axes: tuple[int, ...], gain: float) -> FrameTask:
+    link, X_LF = robot.frame(frame)
+    R_LF = tuple(float(value) for value in X_LF.rotation().matrix().ravel())
+    return FrameTask(frame, link, _triple(X_LF.translation()), R_LF, axes, gain)
+
+
+def fixed_point(robot: RobotModel, frame: str, p_FC: ArrayLike) -> tuple[int, tuple[float, float, float]]:
+    """Return the link that a frame belongs to, and a point of the frame in that link."""
+    link, X_LF = robot.frame(frame)
+    return link, _triple(X_LF @ np.asarray(p_FC, dtype=float))
+
+
+def _triple(values: ArrayLike) -> tuple[float, float, float]:
+    x, y, z = np.asarray(values, dtype=float)
+    return float(x), float(y), float(z)
+
+
+def _unit(direction: ArrayLike, name: str) -> tuple[float, float, float]:
+    vector = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(vector)
+    if vector.shape != (3,) or not np.isfinite(length) or length < 1e-9:
+        raise ParameterError(name, f"needs three numbers that are not all zero, got {vector.tolist()}")
+    return _triple(vector / length)
+
+
+def _target(index: int) -> int:
+    if index < 0:
+        raise ParameterError("target", f"must not be negative, got {index}")
+    return index

@@ -1,0 +1,1 @@
+"""The model of a camera, its frames, and the check that it stands where it should."""

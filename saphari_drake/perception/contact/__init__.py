@@ -1,0 +1,1 @@
+"""Where people touch the robot, from depth images and joint torques."""

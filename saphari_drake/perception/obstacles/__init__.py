@@ -1,0 +1,1 @@
+"""Obstacles in depth images, followed over time."""

@@ -1,0 +1,1 @@
+"""What in a depth image is background, robot or person."""

@@ -1,0 +1,1 @@
+"""A sensitive skin: layout, calibration, and the contacts that it feels."""

@@ -1,0 +1,1 @@
+"""The wrench at a tool."""

@@ -1,0 +1,1 @@
+"""From measured values to torques, one pipeline for each way of control."""

@@ -1,0 +1,1 @@
+"""People: hands that push and guide, recorded motions and forces."""

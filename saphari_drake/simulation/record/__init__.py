@@ -1,0 +1,1 @@
+"""What is recorded in a run, and the files it goes to."""

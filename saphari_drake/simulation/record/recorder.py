@@ -1,0 +1,137 @@
+"""Recorder: logs output ports of a diagram, vectors or abstract values, on one time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    PortDataType,
+)
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.simulation.record.log import RESERVED, Log
+
+
+class ValueToVector(LeafSystem):
+    """Turns the value of a port into a vector by a function.
+
+    .. pydrake_system::
+
+        name: ValueToVector
+        input_ports:
+        - value
+        output_ports:
+        - vector
+
+    - `value`: any value, abstract or vector.
+    - `vector`: (`size`,), ``extract(value)``; unit and frame are those of the function.
+    """
+
+    def __init__(self, port: OutputPort, extract: Callable[[Any], ArrayLike], size: int) -> None:
+        super().__init__()
+        self._extract, self._size = extract, size
+        self._is_vector = port.get_data_type() == PortDataType.kVectorValued
+        if self._is_vector:
+            value = self.DeclareVectorInputPort("value", port.size())
+        else:
+            value = self.DeclareAbstractInputPort("value", port.Allocate())
+        self.DeclareVectorOutputPort("vector", size, self._calc, {value.ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        port = self.get_input_port()
+        value = port.Eval(context)
+        vector = np.asarray(self._extract(value), dtype=float).reshape(-1)
+        if vector.size != self._size:
+            raise ParameterError(self.get_name(), f"extract gave {vector.size} numbers, {self._size} are declared")
+        output.SetFromVector(vector)
+
+
+class Recorder:
+    """Logs ports every `period`; call `add` before the diagram is built and `log` after the run.
+
+    The samples live in the Context (Drake's VectorLogSink), so each Context has its own. A sample at time t is
+    taken before the periodic updates of that time are made. The last sample is at the last multiple of the period
+    that was reached.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    period : float
+        Sample period (s).
+    """
+
+    def __init__(self, builder: DiagramBuilder, period: float) -> None:
+        if not (np.isfinite(period) and period > 0.0):
+            raise ParameterError("period", f"must be positive and finite, got {period}")
+        self._builder, self._period = builder, period
+        self._sinks: dict[str, tuple[VectorLogSink, str]] = {}
+
+    def add(
+        self,
+        name: str,
+        port: OutputPort,
+        unit: str = "",
+        extract: Callable[[Any], ArrayLike] | None = None,
+        size: int | None = None,
+    ) -> None:
+        """Log a port under a name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the signal in the log.
+        port : OutputPort
+            Port of a system in the builder.
+        unit : str
+            Unit of the signal.
+        extract : callable, optional
+            Turns the port's value into a vector; needed for an abstract port.
+        size : int, optional
+            Size of that vector; default: that of ``extract`` applied to the port's default value.
+        """
+        if name in self._sinks or name in RESERVED:
+            raise ParameterError(name, "a signal of this name exists")
+        if extract is None and port.get_data_type() != PortDataType.kVectorValued:
+            raise ParameterError(name, "an abstract port needs extract, a function from its value to a vector")
+        if extract is not None:
+            if size is None:
+                value = port.Allocate().get_value()
+                size = np.size(extract(value.value() if isinstance(value, BasicVector) else value))
+            converter = self._builder.AddSystem(ValueToVector(port, extract, size))
+            converter.set_name(f"record {name} every {self._period:g} s")
+            self._builder.Connect(port, converter.get_input_port())
+            port = converter.get_output_port()
+        sink = LogVectorOutput(port, self._builder, self._period)
+        sink.set_name(f"log {name} every {self._period:g} s")
+        self._sinks[name] = (sink, unit)
+
+    def log(self, diagram: Diagram, root_context: Context) -> Log:
+        """Return all signals recorded in the diagram's root context.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was added.
+        """
+        if not self._sinks:
+            raise ParameterError("recorder", "no port was added")
+        logs = {name: sink.FindLog(root_context) for name, (sink, _) in self._sinks.items()}
+        # A forced publish logs at its own time; of samples with the same time the last one counts.
+        time, *others = [item.sample_times() for item in logs.values()]
+        if not all(np.array_equal(time, other) for other in others):
+            raise ParameterError("recorder", "the signals were logged at different times")
+        keep = np.append(np.diff(time) > 0.0, True) if time.size else np.zeros(0, dtype=bool)
+        result = Log(time[keep])
+        for name, item in logs.items():
+            result.add(name, item.data().T[keep], self._sinks[name][1])
+        return result

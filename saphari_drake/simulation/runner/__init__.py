@@ -1,0 +1,1 @@
+"""The runner of experiments: scenarios, command line, results."""

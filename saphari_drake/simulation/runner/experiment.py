@@ -1,0 +1,244 @@
+"""The runner of experiments: one command line, one table a case, one set of output files, one exit status for all."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
+from saphari_drake.simulation.record.files import atomic_path, write_text
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.command_line import complain, parser, say
+from saphari_drake.simulation.runner.results import Metric, Outcome, prepare_folder, table, write_outputs
+from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
+from saphari_drake.simulation.view.replay import start_meshcat
+
+__all__ = ["Experiment", "Log", "Metric", "Outcome", "RunOptions", "advance", "main"]
+
+PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+CHUNK = 0.1  # simulated time between two looks at the clock (s)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run is given beside its scenario.
+
+    Attributes
+    ----------
+    meshcat : Meshcat, optional
+        Live view to publish to.
+    out : path, optional
+        Folder of this case, if files are to be written.
+    """
+
+    meshcat: Meshcat | None = None
+    out: Path | None = None
+
+    @property
+    def realtime_rate(self) -> float:
+        """Rate to aim at: 1 with a live view, otherwise 0 (as fast as possible)."""
+        return 0.0 if self.meshcat is None else 1.0
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment and its cases.
+
+    Every scenario is a dataclass with at least `case`, `seed`, `duration` (s) and `robot` (catalog name or path).
+
+    Attributes
+    ----------
+    name, summary : str
+    cases : mapping from str to str
+        Each case with a description in one line.
+    scenario_for : callable
+        Returns the default scenario of a case.
+    run : callable
+        Runs a scenario and returns its outcome.
+    build_diagram : callable, optional
+        Returns the diagram of a scenario, to be drawn.
+    accepts_model : bool
+        Whether another robot may be given.
+    seedless : frozenset of str
+        Cases in which a seed changes nothing: the worst of several seeds says no more than one.
+    """
+
+    name: str
+    summary: str
+    cases: Mapping[str, str]
+    scenario_for: Callable[[str], Any]
+    run: Callable[[Any, RunOptions], Outcome]
+    build_diagram: Callable[[Any], Diagram] | None = None
+    accepts_model: bool = False
+    seedless: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for case in self.seedless:
+            if case not in self.cases:
+                raise UnknownNameError("case", case, self.cases)
+
+    def described(self, case: str) -> str:
+        """Return what a case is, and whether a seed changes nothing in it."""
+        return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
+
+
+def advance(simulator: Simulator, duration: float, label: str = "") -> float:
+    """Advance a simulator by `duration` (s), showing progress on stderr if that is a terminal.
+
+    Returns
+    -------
+    float
+        Wall time it took (s).
+    """
+    start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
+    terminal = sys.stderr.isatty()
+    steps = max(1, math.ceil(duration / CHUNK - 1e-9))
+    try:
+        for step in range(1, steps + 1):
+            simulator.AdvanceTo(start + duration * step / steps)
+            wall, done = time.perf_counter() - wall_start, duration * step / steps
+            if terminal and (wall - shown > 0.1 or step == steps):
+                shown = wall
+                text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
+                print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+    finally:
+        if terminal and shown >= 0.0:
+            print(file=sys.stderr, flush=True)
+    return time.perf_counter() - wall_start
+
+
+def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
+    """Run an experiment from the command line.
+
+    Returns
+    -------
+    int
+        0 if all bounds are met, 1 if some are missed, 2 for input that cannot be used (told in one line).
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    try:
+        return _main(experiment, argv)
+    except (SaphariError, OSError) as error:
+        complain(experiment.name, error)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"\n{experiment.name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
+    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.accepts_model).parse_args(argv)
+    if options.list_cases:
+        width = max(len(case) for case in experiment.cases)
+        say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
+        return PASSED
+    scenarios = _scenarios(experiment, options)
+    if options.graphviz is not None:
+        _write_graph(experiment, scenarios[0], options.graphviz)
+        return PASSED
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    meshcat = None
+    if options.meshcat:
+        meshcat = start_meshcat()
+        say(f"Meshcat: {meshcat.web_url()}")
+    status = PASSED
+    for scenario in scenarios:
+        folder = None if options.out is None else options.out / scenario.case
+        try:
+            passed = _run_case(experiment, scenario, RunOptions(meshcat, folder))
+            status = max(status, PASSED if passed else MISSED)
+        except (SaphariError, OSError) as error:
+            complain(experiment.name, error, f"case {scenario.case}: ")
+            status = BAD_INPUT
+    if meshcat is not None and sys.stdin.isatty():
+        with contextlib.suppress(EOFError):
+            input("Press Enter to close the view. ")
+    return status
+
+
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> bool:
+    """Run one case, print its table and write its files; return whether it passed."""
+    tree = to_tree(scenario)
+    if options.out is not None:
+        prepare_folder(options.out, tree)
+    if sys.stderr.isatty():
+        print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
+    outcome = experiment.run(scenario, options)
+    word = "pass" if outcome.passed else "FAIL"
+    heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
+    say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
+    if options.out is not None:
+        write_outputs(options.out, outcome, tree)
+        _note_seed(options.out / "metrics.json", scenario.case not in experiment.seedless)
+    return outcome.passed
+
+
+def _note_seed(path: Path, matters: bool) -> None:
+    """Add to metrics.json whether another seed would give other numbers."""
+    document = json.loads(path.read_text()) | {"seed_matters": matters}
+    write_text(path, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
+    """Return the checked scenario of every case to run, before the first of them is run."""
+    tree = {} if options.scenario is None else load_tree(options.scenario)
+    cases = options.case or list(experiment.cases)
+    if "case" in tree:
+        if options.case not in (None, [tree["case"]]):
+            raise ParameterError("--case", f"{options.scenario} is a scenario of case '{tree['case']}'")
+        cases = [str(tree["case"])]
+    for case in cases:
+        if case not in experiment.cases:
+            raise UnknownNameError("case", case, experiment.cases)
+    given = {name: getattr(options, name) for name in ("seed", "duration") if getattr(options, name) is not None}
+    if options.model is not None:
+        if not experiment.accepts_model:
+            raise ParameterError("--model", "this experiment runs with its own robot only")
+        if not options.model.is_file():
+            raise ParameterError("--model", f"no file '{options.model}'")
+        given["robot"] = str(options.model.resolve())
+    scenarios = []
+    for case in dict.fromkeys(cases):
+        scenario = merged(experiment.scenario_for(case), tree)
+        scenario = with_assignments(merged(scenario, given), options.set)
+        if scenario.case != case:
+            raise ParameterError("case", "cannot be set; choose it with --case")
+        if not (math.isfinite(scenario.duration) and scenario.duration > 0.0):
+            raise ParameterError("duration", f"must be positive and finite, got {scenario.duration}")
+        if scenario.seed < 0:
+            raise ParameterError("seed", f"must not be negative, got {scenario.seed}")
+        scenarios.append(checked(scenario))
+    return scenarios
+
+
+def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
+    """Write the block diagram of a scenario as Graphviz text, or as an image if the suffix names one."""
+    if experiment.build_diagram is None:
+        raise ParameterError("--graphviz", "this experiment has no block diagram")
+    text = experiment.build_diagram(scenario).GetGraphvizString()
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in ("svg", "png", "pdf"):
+        write_text(path, text)
+        return
+    dot = shutil.which("dot")
+    if dot is None:
+        raise ParameterError("--graphviz", f"a .{kind} file needs the program 'dot' of Graphviz; .dot works without")
+    with atomic_path(path) as temporary:
+        subprocess.run([dot, f"-T{kind}", "-o", str(temporary)], input=text.encode(), check=True)

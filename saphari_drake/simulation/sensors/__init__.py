@@ -1,0 +1,1 @@
+"""Simulated sensors: what measurements a plant would give."""

@@ -1,0 +1,159 @@
+"""Replay: a log played into one Meshcat page that opens without a network, starts by itself and repeats."""
+
+from __future__ import annotations
+
+import html
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatAnimation,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    SceneGraph,
+)
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.simulation.record.files import write_text
+from saphari_drake.simulation.view.overlays import Arrow, Marker, record_overlay, rows_at
+
+__all__ = ["Arrow", "Marker", "start_meshcat", "write_replay"]
+
+Array = NDArray[np.float64]
+
+
+def write_replay(
+    path: str | Path,
+    build: Callable[[DiagramBuilder], MultibodyPlant],
+    times: ArrayLike,
+    positions: ArrayLike,
+    overlays: Sequence[Arrow | Marker] = (),
+    *,
+    fps: float = 30.0,
+    camera: ArrayLike = ((1.5, 1.1, 1.0), (0.0, 0.0, 0.5)),
+    title: str = "",
+) -> None:
+    """Write one HTML file that plays a log.
+
+    Parameters
+    ----------
+    path : path
+        File to write.
+    build : callable
+        Adds a plant and its scene graph to a builder, finalizes it, and returns it.
+    times : (T,) array
+        Increasing sample times (s); the first one is the start of the replay.
+    positions : (T, nq) array
+        Positions of the plant; frames between samples are interpolated.
+    overlays : sequence of Arrow and Marker
+        Drawn besides the plant; their arrays have a row for each of `times`.
+    fps : float
+        Frames a second.
+    camera : (2, 3) array
+        Where the viewer stands and the point looked at, in the world (m).
+    title : str
+        Text shown at the top of the page.
+
+    Raises
+    ------
+    ParameterError
+        If sizes do not fit.
+    """
+    stamps, q = np.asarray(times, dtype=float), np.asarray(positions, dtype=float)
+    if stamps.ndim != 1 or stamps.size == 0 or not np.all(np.diff(stamps) > 0.0):
+        raise ParameterError("times", "must be a list of increasing times")
+    if not (np.isfinite(fps) and fps > 0.0):
+        raise ParameterError("fps", f"must be positive and finite, got {fps}")
+    names = [overlay.name for overlay in overlays]
+    if len(set(names)) != len(names):
+        raise ParameterError("overlays", f"each needs a name of its own, got {', '.join(names)}")
+    frame_times = stamps[0] + np.arange(int((stamps[-1] - stamps[0]) * fps + 1e-9) + 1) / fps
+    meshcat = start_meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    meshcat.StartRecording(fps, set_visualizations_while_recording=False)
+    animation = meshcat.get_mutable_recording()
+    _record_plant(meshcat, build, stamps, q, frame_times, fps)
+    for overlay in overlays:
+        record_overlay(meshcat, animation, overlay, stamps, frame_times)
+    meshcat.StopRecording()
+    animation.set_autoplay(True)
+    animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
+    animation.set_repetitions(100000)
+    meshcat.PublishRecording()
+    eye, target = np.asarray(camera, dtype=float).reshape(2, 3)
+    meshcat.SetCameraPose(eye, target)
+    write_text(path, _with_title(meshcat.StaticHtml(), title))
+
+
+def start_meshcat(params: MeshcatParams | None = None) -> Meshcat:
+    """Start a Meshcat server without the note that Drake prints about it."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        return Meshcat(params or MeshcatParams())
+    finally:
+        logger.setLevel(level)
+
+
+def _record_plant(
+    meshcat: Meshcat,
+    build: Callable[[DiagramBuilder], MultibodyPlant],
+    stamps: Array,
+    positions: Array,
+    frame_times: Array,
+    fps: float,
+) -> None:
+    builder = DiagramBuilder()
+    plant = build(builder)
+    if positions.ndim != 2 or positions.shape[1] != plant.num_positions():
+        raise ParameterError("positions", f"the plant has {plant.num_positions()} positions, got {positions.shape}")
+    if not np.all(np.isfinite(positions)):
+        row = int(np.argmin(np.all(np.isfinite(positions), axis=1)))
+        raise ParameterError("positions", f"row {row} is not finite")
+    q = rows_at(stamps, _continuous(plant, positions), frame_times, "positions")
+    scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
+    visualizer = MeshcatVisualizer.AddToBuilder(
+        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1.0 / fps)
+    )
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(root)
+    visualizer_context = visualizer.GetMyContextFromRoot(root)
+    for frame, frame_positions in enumerate(q):
+        # The frame number is rounded down; half a frame keeps it away from the edge.
+        root.SetTime((frame + 0.5) / fps)
+        plant.SetPositions(plant_context, frame_positions)
+        visualizer.ForcedPublish(visualizer_context)
+
+
+def _continuous(plant: MultibodyPlant, positions: Array) -> Array:
+    """Return positions in which no quaternion changes its sign from row to row, so that they can be interpolated."""
+    result = positions.copy()
+    for index in plant.GetFloatingBaseBodies():
+        body = plant.get_body(index)
+        if body.has_quaternion_dofs():
+            start = body.floating_positions_start()
+            part = result[:, start : start + 4]
+            turned = np.sum(part[1:] * part[:-1], axis=1) < 0.0
+            part[1:] *= np.where(np.cumsum(turned) % 2 == 1, -1.0, 1.0)[:, None]
+    return result
+
+
+def _with_title(page: str, title: str) -> str:
+    if not title:
+        return page
+    text = html.escape(title)
+    style = (
+        "position:fixed;top:0.6em;left:0;right:0;text-align:center;pointer-events:none;z-index:10;"
+        "font:16px sans-serif;color:#222"
+    )
+    page = page.replace("<title>Drake MeshCat</title>", f"<title>{text}</title>", 1)
+    head, body, rest = page.rpartition("</body>")
+    return f'{head}<div style="{style}">{text}</div>{body}{rest}'

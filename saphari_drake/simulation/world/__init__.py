@@ -1,0 +1,1 @@
+"""Bodies, cells and references of the simulated world."""

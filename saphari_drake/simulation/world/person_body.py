@@ -1,0 +1,82 @@
+"""A person for cameras and viewers to see: a ball at each obstacle point, moved without dynamics."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.geometry import (
+    FramePoseVector,
+    GeometryFrame,
+    GeometryInstance,
+    MakePhongIllustrationProperties,
+    PerceptionProperties,
+    SceneGraph,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.messages import ObstaclePoints
+
+_SKIN = np.array([0.87, 0.62, 0.45, 1.0])
+
+
+class PersonBody(LeafSystem):
+    """Poses of the balls.
+
+    .. pydrake_system::
+
+        name: PersonBody
+        input_ports:
+        - obstacles
+        output_ports:
+        - geometry_pose
+
+    Ports
+    -----
+    obstacles : abstract `ObstaclePoints`; their number and radii do not change.
+    geometry_pose : abstract `FramePoseVector`, for a SceneGraph.
+
+    Parameters
+    ----------
+    scene_graph : SceneGraph
+        Gets the balls, for perception and illustration.
+    points : ObstaclePoints
+        Whose number and radii are used.
+    """
+
+    def __init__(self, scene_graph: SceneGraph, points: ObstaclePoints) -> None:
+        super().__init__()
+        self.source_id = scene_graph.RegisterSource("person")
+        self._frames = []
+        for k, radius in enumerate(points.radius):
+            frame = scene_graph.RegisterFrame(self.source_id, GeometryFrame(f"person_{k}"))
+            ball = GeometryInstance(RigidTransform(), Sphere(float(radius)), f"person_{k}")
+            ball.set_illustration_properties(MakePhongIllustrationProperties(_SKIN))
+            ball.set_perception_properties(PerceptionProperties())
+            scene_graph.RegisterGeometry(self.source_id, frame, ball)
+            self._frames.append(frame)
+        self._points = self.DeclareAbstractInputPort("obstacles", AbstractValue.Make(ObstaclePoints()))
+        self.DeclareAbstractOutputPort(
+            "geometry_pose",
+            alloc=lambda: Value[FramePoseVector](),
+            calc=self._calc,
+            prerequisites_of_calc={self._points.ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        points: ObstaclePoints = self._points.Eval(context)
+        if len(points.p_WO) != len(self._frames):
+            raise ParameterError("obstacles", f"{len(self._frames)} points were announced, got {len(points.p_WO)}")
+        poses = FramePoseVector()
+        for frame, p_WO in zip(self._frames, points.p_WO):
+            poses.set_value(frame, RigidTransform(p_WO))
+        output.set_value(poses)
+
+
+def add_person_body(builder: DiagramBuilder, scene_graph: SceneGraph, points: ObstaclePoints) -> PersonBody:
+    """Add the balls to a diagram, connected to its SceneGraph; the input `obstacles` is left to connect."""
+    body = builder.AddNamedSystem("person_body", PersonBody(scene_graph, points))
+    builder.Connect(body.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(body.source_id))
+    return body

@@ -1,0 +1,197 @@
+"""The controller as a system: ports, threshold and return, Context clones, bad input."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from saphari_drake.control.null_space.law import command_terms, frame_state
+from saphari_drake.control.null_space.parameters import OBSERVERS, NullSpaceComplianceParameters
+from saphari_drake.control.null_space.system import NullSpaceComplianceController
+from saphari_drake.errors import ParameterError, StateError, UnknownNameError
+from saphari_drake.pipelines.null_space import NullSpaceCellParameters, add_null_space_cell
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.record.recorder import Recorder
+
+
+class Ports:
+    """A controller with all its inputs fixed."""
+
+    def __init__(self, robot, **params):
+        self.system = NullSpaceComplianceController(robot, NullSpaceComplianceParameters(**params))
+        self.context, self.robot = self.system.CreateDefaultContext(), robot
+        self.fix(q=robot.home, v=np.zeros(robot.n), residual=np.zeros(robot.n), torque_estimated=np.zeros(robot.n))
+
+    def fix(self, q=None, v=None, **vectors):
+        if q is not None:
+            value = AbstractValue.Make(evaluate_dynamics(self.robot, q, v))
+            self.system.GetInputPort("dynamics").FixValue(self.context, value)
+        for name, value in vectors.items():
+            self.system.GetInputPort(name).FixValue(self.context, value)
+
+    def read(self, name, context=None):
+        return np.array(self.system.GetOutputPort(name).Eval(context or self.context))
+
+    def run(self, duration, context=None):
+        context = context or self.context
+        Simulator(self.system, context).AdvanceTo(context.get_time() + duration)
+
+
+def test_terms_add_up_and_hold_needs_gravity_alone(lwr4):
+    """At rest at home the command is gravity; the named terms always sum to command plus excess."""
+    ports = Ports(lwr4)
+    np.testing.assert_allclose(ports.read("torque_commanded"), evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).g)
+    rng = np.random.default_rng(1)
+    ports.fix(lwr4.home + rng.uniform(-0.2, 0.2, 7), rng.uniform(-1, 1, 7), residual=rng.normal(size=7))
+    total = ports.read("torque_commanded") + ports.read("torque_excess")
+    np.testing.assert_allclose(ports.read("torque_terms").reshape(5, 7).sum(axis=0), total, atol=1e-12)
+
+
+def test_desired_pose_and_limits(lwr4):
+    """A desired pose shows as error in the world; torque beyond the limits is cut, reported, and stops the observer."""
+    ports = Ports(lwr4, observer="task_error")
+    p = ports.system.kinematics(evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))).p
+    target = AbstractValue.Make(RigidTransform(RotationMatrix(), p + [0.01, 0.0, -0.02]))
+    ports.system.GetInputPort("desired_pose").FixValue(ports.context, target)
+    np.testing.assert_allclose(ports.read("task_error"), [0.01, 0.0, -0.02], atol=1e-12)
+    assert np.any(ports.read("observer_drive") != 0.0)
+    np.testing.assert_array_equal(ports.read("torque_excess"), np.zeros(7))
+    ports.fix(torque_estimated=np.full(7, 500.0))
+    assert np.all(np.abs(ports.read("torque_commanded")) <= lwr4.tau_max)
+    assert np.any(ports.read("torque_excess") != 0.0)
+    np.testing.assert_array_equal(ports.read("observer_drive"), np.zeros(7))
+
+
+def test_nothing_compiles_after_construction(lwr4):
+    """Whatever is connected, the first control step finds the law compiled."""
+    ports = Ports(lwr4, observer="task_error")
+    compiled = [len(law.signatures) for law in (command_terms, frame_state)]
+    pose = AbstractValue.Make(RigidTransform(RotationMatrix.MakeXRotation(0.1), [0.5, 0.0, 0.5]))
+    ports.system.GetInputPort("desired_pose").FixValue(ports.context, pose)
+    ports.fix(desired_velocity=np.ones(6), desired_acceleration=np.ones(6), nominal_posture=np.zeros(7))
+    ports.run(0.01)
+    assert [len(law.signatures) for law in (command_terms, frame_state)] == compiled
+
+
+@pytest.mark.parametrize("observer", ["none", "momentum"])
+def test_task_yields_above_the_threshold_smoothly_and_back(lwr4, observer):
+    """Below the threshold nothing; above it the task term fades without a jump, and comes back after the release."""
+    ports = Ports(lwr4, observer=observer, torque_threshold=30.0, threshold_band=5.0)
+    ports.fix(residual=np.eye(7)[1] * 29.0)
+    ports.run(0.1)
+    assert ports.read("yielding")[0] == 0.0
+    ports.fix(residual=np.eye(7)[1] * -40.0)
+    steps = []
+    for _ in range(300):
+        steps.append((ports.read("yielding")[0], *ports.read("torque_commanded")))
+        ports.run(0.002)
+    steps = np.array(steps)
+    assert np.all(np.diff(steps[:, 0]) >= 0.0) and steps[-1, 0] > 0.99
+    assert np.abs(np.diff(steps, axis=0)).max() < 1.5
+    ports.fix(residual=np.zeros(7))
+    ports.run(2.0)
+    assert ports.read("yielding")[0] == 0.0
+
+
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_task_returns_smoothly_after_yielding(lwr4, observer):
+    """A push above the threshold moves the whole arm; released, the frame comes back slowly and without a jolt."""
+    params = NullSpaceCellParameters()
+    params.cell.obstacle = "nothing"
+    params.controller.observer, params.controller.torque_threshold = observer, 30.0
+    builder, push = DiagramBuilder(), np.zeros((7, 6))
+    parts = add_null_space_cell(builder, lwr4, params)
+    push[0, 2:4] = 45.0
+    source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.FirstOrderHold([0, 0.2, 0.4, 0.9, 1.1, 9.0], push)))
+    builder.Connect(source.get_output_port(), parts.cell.plant.get_applied_generalized_force_input_port())
+    recorder, names = Recorder(builder, 0.002), ("task_error", "yielding", "torque_commanded", "torque_excess")
+    for name in names:
+        recorder.add(name, parts.controller.GetOutputPort(name))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(5.0)
+    log = recorder.log(diagram, simulator.get_context())
+    error, yielding = np.linalg.norm(log["task_error"], axis=1), log["yielding"][:, 0]
+    assert yielding.max() > 0.9 and error.max() > 0.1
+    assert yielding[-1] == 0.0
+    last = log.time[yielding > 0.05].max()
+    assert last < 2.2  # the push has ended at 1.1 s
+    back = log.time > last
+    speed = np.linalg.norm(np.gradient(log["task_error"], log.time, axis=0), axis=1)
+    assert speed[back].max() < 1.2 * params.controller.return_speed
+    assert np.abs(np.diff(log["torque_commanded"], axis=0)).max() < 12.0
+    assert np.all(log["torque_excess"] == 0.0)
+    assert error[-1] < 1e-3
+
+
+def test_clone_goes_on_by_itself(lwr4):
+    """What is remembered lives in the Context."""
+    ports = Ports(lwr4, observer="momentum", torque_threshold=1.0)
+    ports.run(0.01)
+    twin = ports.context.Clone()
+    ports.fix(residual=np.full(7, 100.0))
+    ports.run(0.5)
+    assert ports.read("yielding")[0] > 0.9 and ports.read("yielding", twin)[0] == 0.0
+    ports.run(0.01, twin)
+    np.testing.assert_array_equal(ports.read("task_error", twin), np.zeros(3))
+
+
+def test_nan_and_missing_inputs_stop(lwr4):
+    """NaN never becomes a torque; an observer without its input says which."""
+    ports = Ports(lwr4, observer="momentum")
+    ports.fix(residual=np.full(7, np.nan))
+    with pytest.raises(StateError, match="not finite"):
+        ports.read("torque_commanded")
+    ports = Ports(lwr4, observer="none")
+    ports.fix(residual=np.full(7, np.nan))
+    with pytest.raises(StateError, match="residual: not finite"):
+        ports.read("torque_commanded")
+    for observer, threshold, name in (
+        ("momentum", np.inf, "residual"),
+        ("task_error", np.inf, "torque_estimated"),
+        ("task_error", 30.0, "residual: not connected, but torque_threshold"),
+        ("none", 30.0, "residual: not connected, but torque_threshold"),
+    ):
+        params = NullSpaceComplianceParameters(observer=observer, torque_threshold=threshold)
+        system = NullSpaceComplianceController(lwr4, params)
+        context = system.CreateDefaultContext()
+        with pytest.raises(StateError, match=name):
+            _fixed(system, context, lwr4)
+
+
+def _fixed(system, context, robot):
+    value = AbstractValue.Make(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+    system.GetInputPort("dynamics").FixValue(context, value)
+    return system.GetOutputPort("torque_commanded").Eval(context)
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"observer": "perfect"}, "none, task_error, task_error_pd, momentum"),
+        ({"task": "elbow"}, "position, pose"),
+        ({"K_x": -1.0}, "K_x"),
+        ({"P": [1.0, 2.0]}, "P"),
+        ({"torque_threshold": 0.0}, "torque_threshold"),
+        ({"null_damping": [1.0, np.nan]}, "null_damping"),
+    ],
+)
+def test_bad_parameters_are_named(change, words):
+    with pytest.raises((ParameterError, UnknownNameError), match=words):
+        NullSpaceComplianceParameters(**change)
+
+
+def test_bad_gains_for_the_arm_are_named(lwr4):
+    """γ against its sufficient condition, sizes against the joints, the frame against the model."""
+    for change, words in (
+        ({"observer": "task_error_pd", "gamma": 50.0}, "gamma: must be below"),
+        ({"null_stiffness": [1.0, 2.0]}, "null_stiffness"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            NullSpaceComplianceController(lwr4, NullSpaceComplianceParameters(**change))
+    with pytest.raises(UnknownNameError, match="gripper"):
+        NullSpaceComplianceController(lwr4, NullSpaceComplianceParameters(frame="gripper"))

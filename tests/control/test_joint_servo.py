@@ -1,0 +1,92 @@
+"""The velocity servo: its closed loop on the plant, its limits, its state."""
+
+import numpy as np
+import pytest
+from arms import states
+from bench import Bench
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo, servo_torque
+from saphari_drake.errors import ParameterError
+from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.world.cell import add_cell
+
+
+@pytest.mark.parametrize("arm", ["lwr4", "panda", "mobile"])
+def test_the_law_gives_the_acceleration_it_asks_for(load_arm, arm):
+    """M q̈ + C q̇ + g = τ with q̈ = a_d + K (q̇_d − q̇)."""
+    robot = load_arm(arm)
+    rng = np.random.default_rng(0)
+    for q, v in states(robot, 3):
+        terms = evaluate_dynamics(robot, q, v)
+        v_d, a_d = rng.standard_normal((2, robot.n))
+        torque = servo_torque(terms, v_d, a_d, 50.0)
+        acceleration = np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
+        np.testing.assert_allclose(acceleration, a_d + 50.0 * (v_d - v), atol=1e-7)
+
+
+def test_the_plant_follows_a_velocity_command(lwr4):
+    """Started at rest: the error falls by 1/e each 1/K, and nothing of gravity or Coriolis is left at the end."""
+    command = np.array([0.3, -0.2, 0.4, 0.3, -0.5, 0.4, 0.6])
+    params = JointServoParameters(gain=50.0, feedforward=0.0)
+    builder = DiagramBuilder()
+    cell = add_cell(builder, lwr4)
+    sensor = builder.AddSystem(JointSensor(lwr4, JointSensorParameters(0.001, differentiate=False)))
+    dynamics, servo = builder.AddSystem(RobotDynamics(lwr4)), builder.AddSystem(JointVelocityServo(lwr4, params))
+    source = builder.AddSystem(ConstantVectorSource(command))
+    builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
+    for name in ("position_measured", "velocity_measured"):
+        builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
+    builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
+    builder.Connect(source.get_output_port(), servo.GetInputPort("velocity_commanded"))
+    builder.Connect(servo.GetOutputPort("torque_commanded"), cell.torque_input)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    shares = []
+    for time in (0.02, 0.3):
+        simulator.AdvanceTo(time)
+        v = cell.robot_state.Eval(cell.plant.GetMyContextFromRoot(simulator.get_context()))[lwr4.n :]
+        shares.append(np.abs(command - v) / np.abs(command))
+    np.testing.assert_allclose(shares[0], np.exp(-1.0), atol=0.08)
+    assert shares[1].max() < 0.005
+
+
+def test_torques_stay_within_limits_and_the_rest_is_told(lwr4):
+    servo = JointVelocityServo(lwr4)
+    terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    bench = Bench(servo, dynamics=terms, velocity_commanded=np.full(7, 50.0))
+    torque, excess = bench.read("torque_commanded"), bench.read("torque_excess")
+    assert np.all(np.abs(torque) <= lwr4.tau_max)
+    assert np.abs(excess).max() > 0.0
+    np.testing.assert_array_equal(bench.read("velocity_error"), np.full(7, 50.0))
+
+
+def test_at_rest_it_carries_gravity_and_a_constant_command_feeds_nothing_forward(lwr4):
+    servo = JointVelocityServo(lwr4)
+    terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    bench = Bench(servo, dynamics=terms, velocity_commanded=np.zeros(7))
+    np.testing.assert_allclose(bench.read("torque_commanded"), terms.g, atol=1e-12)
+    moving = evaluate_dynamics(lwr4, lwr4.home, np.full(7, 0.1))
+    bench.run(1, dynamics=moving, velocity_commanded=np.full(7, 0.1))
+    np.testing.assert_allclose(bench.read("torque_commanded"), moving.Cv + moving.g, atol=1e-12)
+
+
+def test_the_first_command_is_not_fed_forward(lwr4):
+    """A command that does not start at zero asks for K q̇_d once, not for the step divided by the period."""
+    terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    command = np.full(7, 0.05)
+    bench = Bench(JointVelocityServo(lwr4), dynamics=terms, velocity_commanded=command)
+    np.testing.assert_allclose(bench.read("torque_commanded"), terms.M @ (150.0 * command) + terms.g, atol=1e-9)
+    bench.run(1)
+    bench.set(velocity_commanded=2.0 * command)
+    expected = terms.M @ (command / 0.001 + 300.0 * command) + terms.g
+    np.testing.assert_allclose(bench.read("torque_commanded") + bench.read("torque_excess"), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("field", ["gain", "period", "feedforward"])
+def test_parameters_are_checked(field):
+    with pytest.raises(ParameterError, match=field):
+        JointServoParameters(**{field: -1.0})

@@ -1,0 +1,106 @@
+"""The self-check in a diagram: it warns of a displaced camera, waits while a person is near, and keeps its state."""
+
+import numpy as np
+import pytest
+from bench import Bench
+from experiments.localization.scenes import ContactScenes, SceneParameters
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import ImageDepth32F
+
+from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.perception.camera.check import CheckStatus
+from saphari_drake.perception.camera.check_system import CameraCheck, CheckScheduleParameters
+from saphari_drake.perception.camera.model import CameraParameters, camera_pose
+
+NOBODY, PERSON = np.zeros((0, 3)), np.ones((40, 3))
+
+
+@pytest.fixture(scope="module")
+def frames(lwr4):
+    scenes = ContactScenes(lwr4, [CameraParameters()], SceneParameters(hands=1))
+    rng = np.random.default_rng(1)
+    wide = np.array([1.6, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8])
+    postures = [lwr4.home + wide * rng.uniform(-1.0, 1.0, lwr4.n) for _ in range(4)]
+    return [(q, picture(scenes.noisy(scenes.images([], q)[0], 0, rng))) for q in postures]
+
+
+def picture(depth):
+    value = ImageDepth32F(640, 480)
+    value.mutable_data[..., 0] = depth
+    return value
+
+
+def bench_of(lwr4, frames, shift=0.0):
+    X_WC = camera_pose(CameraParameters())
+    believed = RigidTransform(X_WC.rotation(), X_WC.translation() + [shift, 0.0, 0.0])
+    system = CameraCheck(lwr4, CameraParameters(), schedule=CheckScheduleParameters(interval=0.2), X_WC=believed)
+    return Bench(system, position_measured=frames[0][0], depth_image=frames[0][1], image_time=-1.0, human_points=NOBODY)
+
+
+def show(bench, frame, human_points=NOBODY):
+    """Rest in a posture for 0.2 s, then show its image."""
+    bench.run(40, position_measured=frame[0])
+    bench.run(2, depth_image=frame[1], image_time=bench.cycles * 0.005, human_points=human_points)
+
+
+def test_camera_in_its_place_is_ok_and_nothing_is_known_before(lwr4, frames):
+    bench = bench_of(lwr4, frames)
+    assert bench.read("check_status") == CheckStatus.UNKNOWN
+    np.testing.assert_array_equal(bench.read("extrinsic_error"), np.zeros(2))
+    show(bench, frames[0])
+    assert bench.read("check_status") == CheckStatus.OK
+    assert bench.read("extrinsic_error")[0] < 0.003
+
+
+def test_displaced_camera_warns_and_several_postures_correct_it(lwr4, frames):
+    bench = bench_of(lwr4, frames, 0.012)
+    for frame in frames:
+        show(bench, frame)
+    assert bench.read("check_status") == CheckStatus.WARNING
+    assert bench.read("extrinsic_error")[0] == pytest.approx(0.012, abs=0.003)
+    found = bench.read("correction").translation() + bench.read("correction").rotation().matrix() @ (
+        camera_pose(CameraParameters()).translation() + [0.012, 0.0, 0.0]
+    )
+    assert np.linalg.norm(found - camera_pose(CameraParameters()).translation()) < 0.004
+
+
+def test_person_makes_it_wait_and_the_last_error_stands(lwr4, frames):
+    bench = bench_of(lwr4, frames, 0.012)
+    show(bench, frames[0])
+    error = bench.read("extrinsic_error")
+    show(bench, frames[1], PERSON)
+    assert bench.read("check_status") == CheckStatus.BUSY
+    np.testing.assert_array_equal(bench.read("extrinsic_error"), error)
+    show(bench, frames[1])
+    assert bench.read("check_status") == CheckStatus.WARNING
+
+
+def test_moving_robot_and_empty_images_tell_nothing(lwr4, frames):
+    bench = bench_of(lwr4, frames)
+    for k in range(20):
+        bench.run(1, position_measured=frames[0][0] + 0.01 * k)
+    bench.run(1, depth_image=frames[0][1], image_time=bench.cycles * 0.005)
+    assert bench.read("check_status") == CheckStatus.UNKNOWN
+    show(bench, (frames[1][0], picture(np.zeros((480, 640), np.float32))))
+    assert bench.read("check_status") == CheckStatus.UNKNOWN
+
+
+def test_clone_goes_on_alike(lwr4, frames):
+    bench = bench_of(lwr4, frames, 0.012)
+    show(bench, frames[0])
+    clone = bench.clone()
+    for other in (bench, clone):
+        show(other, frames[2])
+    assert bench.read("check_status") == clone.read("check_status") == CheckStatus.WARNING
+    # Open3D adds in threads, in any order.
+    np.testing.assert_allclose(bench.read("extrinsic_error"), clone.read("extrinsic_error"), atol=1e-9)
+
+
+def test_bad_input_is_named(lwr4, frames):
+    with pytest.raises(ParameterError, match="interval"):
+        CheckScheduleParameters(interval=0.0)
+    with pytest.raises(ParameterError, match="period"):
+        CameraCheck(lwr4, CameraParameters(), period=np.nan)
+    bench = bench_of(lwr4, frames)
+    with pytest.raises(StateError, match="position_measured"):
+        bench.run(1, position_measured=np.full(7, np.nan))
