@@ -1,4 +1,4 @@
-"""tests/benchmarks/benchmark_gains.py on an experiment whose bound is met for a known range of a gain."""
+"""tests/benchmarks/gain_margins.py on an experiment whose bound is met for a known range of a gain."""
 
 import importlib.util
 from dataclasses import dataclass, field
@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from saphari_drake.simulation.experiment import Experiment, Log, Metric, Outcome
 from saphari_drake.simulation.scenario import to_tree
 
-PROGRAM = Path(__file__).parent / "benchmarks" / "benchmark_gains.py"
+from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome
+
+PROGRAM = Path(__file__).parent / "benchmarks" / "gain_margins.py"
 
 
 @dataclass
@@ -40,7 +40,7 @@ def run(scenario, options):
 
 @pytest.fixture(scope="module")
 def program():
-    spec = importlib.util.spec_from_file_location("benchmark_gains", PROGRAM)
+    spec = importlib.util.spec_from_file_location("gain_margins", PROGRAM)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
