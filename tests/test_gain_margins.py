@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from saphari_drake.simulation.scenario import to_tree
 
 from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome
+from saphari_drake.simulation.runner.scenario import to_tree
 
 PROGRAM = Path(__file__).parent / "benchmarks" / "gain_margins.py"
 
