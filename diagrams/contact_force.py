@@ -105,6 +105,7 @@ def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Set
     controller = parts.pipeline.controller
     hidden = parts.pipeline.force.GetOutputPort("unobservable_directions")
     recorder.add("unobservable", hidden, "1")
+    recorder.add("transition", controller.GetOutputPort("torque_terms"), "Nm", lambda terms: terms[-robot.n :])
     recorder.add("desired_force", controller.GetOutputPort("desired_force"), "N")
     recorder.add("force_error", controller.GetOutputPort("force_error"), "N")
     recorder.add("contact_velocity", controller.GetOutputPort("contact_velocity"), "m/s")

@@ -97,21 +97,20 @@ def free_drift_speed(F_d: float, K_f: float, K_d: float, mass: float, time: Arra
 def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactForceControlParameters) -> Array:
     """Return the velocity (3,) at the end of a drift that eq. (60) gives with the estimated force (m/s).
 
-    It starts from the acceleration under the law before, which braked, for there is no jump; that difference fades out.
-    What the person gives and the estimate lacks acts on the natural inertia.
+    The torque that continues the law before and fades out is taken from the run, and so is what the person gives and
+    the estimate lacks; both act on the natural inertia.
     """
     K_f, K_d = np.diag(np.broadcast_to(params.K_f, 3)), np.diag(np.broadcast_to(params.K_d, 3))
-    first, time = drift.rows[0], log.time[drift.rows]
-    terms = evaluate_dynamics(robot, log["position"][first], log["velocity"][first])
-    link = int(log["active_link"][first, 0])
-    J = terms.point(link, terms.R_WL[link].T @ (log["contact_position"][first] - terms.p_WL[link])).Jv_WC
-    mobility = J @ np.linalg.solve(terms.M, J.T)
-    M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else mobility
-    F, estimate = log["contact_truth"][drift.rows, :3], log["contact_force"][drift.rows]
-    driving = (estimate - params.fixed_force) @ (M_d_inv @ K_f).T + (F - estimate) @ mobility
     v = drift.velocity[0]
-    start = mobility @ F[0] - np.mean(params.hold_damping) * v - (driving[0] - M_d_inv @ K_d @ v)
-    for k in range(len(time) - 1):
-        fading = start * np.exp(-(time[k] - time[0]) / params.transition_time)
-        v = v + (time[k + 1] - time[k]) * (driving[k] - M_d_inv @ K_d @ v + fading)
+    for k, row in enumerate(drift.rows[:-1]):
+        terms = evaluate_dynamics(robot, log["position"][row], log["velocity"][row])
+        link = int(log["active_link"][row, 0])
+        J = terms.point(link, terms.R_WL[link].T @ (log["contact_position"][row] - terms.p_WL[link])).Jv_WC
+        M_inv_JT = np.linalg.solve(terms.M, J.T)
+        mobility = J @ M_inv_JT
+        M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else mobility
+        F, estimate = log["contact_truth"][row, :3], log["contact_force"][row]
+        wanted = K_f @ (estimate - params.fixed_force) - K_d @ v
+        beside = mobility @ (F - estimate) + M_inv_JT.T @ log["transition"][row]
+        v = v + (log.time[drift.rows[k + 1]] - log.time[row]) * (M_d_inv @ wanted + beside)
     return np.asarray(v)
