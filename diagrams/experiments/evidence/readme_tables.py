@@ -59,11 +59,35 @@ def short_table(results: Results) -> str:
 def made_text(results: Results) -> str:
     """Return what the figures come from: seeds, plant, machine and versions."""
     summaries = [summary for cases in results.values() for summary in cases.values()]
-    seeds = _unique(", ".join(map(str, summary["seeds"])) for summary in summaries)
     machines = _unique(f"{s['machine']['processor']}, {s['machine']['cores']} cores" for s in summaries)
     plants = _unique(summary["plant"] for summary in summaries)
     versions = _unique(f"Drake {s['versions']['drake']}, Python {s['versions']['python']}" for s in summaries)
-    return f"Seeds {' or '.join(seeds)}; plant {', '.join(plants)}; {'; '.join(machines)}; {'; '.join(versions)}."
+    return f"{seeds_text(results)}; plant {', '.join(plants)}; {'; '.join(machines)}; {'; '.join(versions)}."
+
+
+def seeds_text(results: Results) -> str:
+    """Return the seeds that most cases were run with, then the cases with others."""
+    by_seeds: dict[str, list[str]] = {}
+    for script, cases in results.items():
+        for case, summary in cases.items():
+            if not all(figures["same"] for figures in summary["metrics"].values()):
+                by_seeds.setdefault(_ranges(summary["seeds"]), []).append(f"`{script}` {case}")
+    if not by_seeds:
+        return "No seed changes anything"
+    usual = max(by_seeds, key=lambda seeds: len(by_seeds[seeds]))
+    others = [f"{', '.join(cases)}: {seeds}" for seeds, cases in by_seeds.items() if seeds != usual]
+    return f"Seeds {usual}" + (f" ({'; '.join(others)})" if others else "")
+
+
+def _ranges(seeds: Sequence[int]) -> str:
+    """Return seeds as text, those in a row as "first–last"."""
+    parts: list[list[int]] = []
+    for seed in seeds:
+        if parts and seed == parts[-1][-1] + 1:
+            parts[-1].append(seed)
+        else:
+            parts.append([seed])
+    return ", ".join(f"{part[0]}–{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

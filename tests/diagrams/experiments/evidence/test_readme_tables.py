@@ -9,7 +9,7 @@ from evidence_runs import made
 from experiments.evidence import benchmarks as speed
 from experiments.evidence.markers import with_blocks, without_blocks
 from experiments.evidence.readme_rows import EXPERIMENTS, MM, PERCENT, PLAIN, SPEED_TABLE, Row, Scale, Speed
-from experiments.evidence.readme_tables import experiments_table, made_text, missing, number, short_table
+from experiments.evidence.readme_tables import experiments_table, made_text, missing, number, seeds_text, short_table
 from experiments.evidence.summary import summarize_case
 
 from saphari_drake.errors import ParameterError
@@ -91,7 +91,19 @@ def test_a_seed_without_a_value_falls_short():
 
 def test_what_the_figures_come_from_is_told():
     text = made_text(results(0, 1, 2))
-    assert text.startswith("Seeds 0, 1, 2; plant ideal; ") and "Drake 1, Python 3" in text
+    assert text.startswith("Seeds 0–2; plant ideal; ") and "Drake 1, Python 3" in text
+
+
+def test_cases_with_other_seeds_than_most_are_named():
+    """Seeds in a row are a range; a case that a seed does not change has none to name."""
+
+    def case(seeds, seedless=False):
+        runs = [made({"error": (0.1 + 0.01 * seed, None, 1.0, True)}, seed) for seed in seeds]
+        return summarize_case(runs, seeds[0], seedless)
+
+    cases = {"a": case([0, 1, 2]), "b": case([0, 1, 2]), "c": case([0, 1, 2, 3, 21]), "d": case([0], seedless=True)}
+    assert seeds_text({"toy": cases}) == "Seeds 0–2 (`toy` c: 0–3, 21)"
+    assert seeds_text({"toy": {"d": cases["d"]}}) == "No seed changes anything"
 
 
 @pytest.mark.parametrize(
