@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ContactResults
@@ -23,7 +24,6 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.runner.scenario import dump, to_tree
 from saphari_drake.simulation.view.replay import Arrow, write_replay
 from saphari_drake.simulation.world.obstacle_cell import add_obstacle_cell
 from saphari_drake.simulation.world.references import StraightMotion, StraightMotionParameters
@@ -199,7 +199,7 @@ class Runs:
         observer = changes.get("observer", scenario.case)
         scenario.case = scenario.system.controller.observer = observer
         scenario.system.cell.obstacle = changes.get("obstacle", scenario.system.cell.obstacle)
-        key = dump(to_tree(scenario))
+        key = yaml_dump_typed(scenario)
         if key not in self._done:
             options = options or RunOptions()
             setup = build(scenario, options.meshcat)
