@@ -50,6 +50,7 @@ class Toy:
     mode: str = "on"
     controller: Spring | Damper = field(default_factory=Spring)
     parts: list[Spring] = field(default_factory=list)
+    home: list[float] = field(default_factory=lambda: [90.0])
     extra: Spring | None = None
     recording: Path | None = None
     defect: str = ""
@@ -355,8 +356,10 @@ def test_model_is_taken_where_allowed(tmp_path, capsys):
     model = tmp_path / "arm.urdf"
     model.write_text("<robot/>")
     experiment = toy(accepts_model=True)
-    assert main(experiment, ["--case", "soft", "--model", str(model), "--out", str(tmp_path)]) == 0
-    assert json.loads((tmp_path / "soft" / "metrics.json").read_text())["scenario"]["robot"] == str(model)
+    for more, home in ([], []), (["--set", "home=[30]"], [30.0]):  # the case's posture is not that of another robot
+        assert main(experiment, ["--case", "soft", "--model", str(model), "--out", str(tmp_path), *more]) == 0
+        scenario = json.loads((tmp_path / "soft" / "metrics.json").read_text())["scenario"]
+        assert scenario["robot"] == str(model) and scenario["home"] == home
     capsys.readouterr()
     assert main(experiment, ["--model", "missing.urdf"]) == 2
     assert "no file 'missing.urdf'" in one_error_line(capsys)
