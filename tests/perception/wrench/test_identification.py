@@ -51,7 +51,7 @@ def test_the_tool_of_a_robot_is_identified_from_a_file(lwr4, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("rows", "words"), [("1, 2, 3", "do not go with"), ("a, b", "could not convert"), (None, "not found")]
+    ("rows", "words"), [("1, 2, 3", "has 7 joints"), ("a, b", "could not convert"), (None, "not found")]
 )
 def test_readings_that_cannot_be_used_are_one_line(tmp_path, capsys, rows, words):
     path = tmp_path / "readings.csv"
