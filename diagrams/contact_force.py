@@ -247,7 +247,7 @@ def replay(setup: Setup, log: Log, path: Path) -> None:
         camera = (-1.3, -1.5, 1.2), (0.0, -0.35, 0.5)
     else:
         camera = (-1.3, 1.5, 1.2), (0.0, 0.35, 0.5)
-    replay_contact(setup.robot, setup.scenario.system, log, path, title, camera=camera)
+    replay_contact(setup.parts.cell, log, path, title, camera=camera)
 
 
 EXPERIMENT = Experiment(

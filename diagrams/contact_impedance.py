@@ -167,12 +167,8 @@ def run_trial(
     simulator.set_target_realtime_rate(options.realtime_rate)
     push = drawn.push
     simulator.AdvanceTo(push.start + push.hold - 0.1)
-    truth = contact_truth(
-        setup.parts.cell.plant.get_contact_results_output_port().Eval(
-            setup.parts.cell.plant.GetMyContextFromRoot(simulator.get_context())
-        ),
-        setup.parts.cell,
-    )
+    cell = setup.parts.cell
+    truth = contact_truth(cell.contact_results.Eval(cell.plant.GetMyContextFromRoot(simulator.get_context())), cell)
     seen = random_run.is_seen(setup.parts, simulator, setup.robot, truth[3:6])
     simulator.AdvanceTo(setup.duration)
     log = setup.recorder.log(setup.diagram, simulator.get_context())
@@ -302,7 +298,7 @@ def figure(setup: Setup, log: Log):
 def replay(setup: Setup, log: Log, path: Path) -> None:
     """Write the run as a page that plays offline."""
     title = f"Contact impedance: {setup.scenario.case} (blue: estimated, green: true)"
-    replay_contact(setup.robot, setup.scenario.system, log, path, title)
+    replay_contact(setup.parts.cell, log, path, title)
 
 
 EXPERIMENT = Experiment(

@@ -9,7 +9,7 @@ from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, buil
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
-from saphari_drake.simulation.world.references import StraightMotionParameters
+from saphari_drake.simulation.world.straight_motion import StraightMotionParameters
 
 RUNS = Runs()
 

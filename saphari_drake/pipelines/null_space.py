@@ -12,7 +12,8 @@ from saphari_drake.estimation.momentum_observer import MomentumObserver, Momentu
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
-from saphari_drake.simulation.world.obstacle_cell import ObstacleCell, ObstacleCellParameters, add_obstacle_cell
+from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.obstacles import ObstacleCellParameters
 
 PERIOD = 0.002  # s, the cycle of the deliverable
 
@@ -41,7 +42,7 @@ class NullSpaceCellParameters:
 class NullSpaceCell:
     """The parts of the diagram that others look at."""
 
-    cell: ObstacleCell
+    cell: Cell
     controller: NullSpaceComplianceController
     momentum: MomentumObserver
     disturbance: DisturbanceObserver
@@ -81,7 +82,7 @@ def add_null_space_cell(
 ) -> NullSpaceCell:
     """Add the whole cell; the robot starts at its home posture."""
     params = params or NullSpaceCellParameters()
-    cell = add_obstacle_cell(builder, robot, params.cell)
+    cell = add_cell(builder, robot, params.cell.bodies, params.cell)
     sensor, controller, momentum, disturbance = add_null_space_control(builder, robot, params)
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
     builder.Connect(controller.GetOutputPort("torque_commanded"), cell.torque_input)

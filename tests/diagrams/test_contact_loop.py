@@ -22,11 +22,12 @@ from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.safety.contact_detector import ContactDetector
 from saphari_drake.safety.contact_monitor import ContactMonitor
-from saphari_drake.simulation.people.pushing_hand import HumanHand, Push
+from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor
 from saphari_drake.simulation.world.cell import add_cell, contact_truth
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.floor import Floor
+from saphari_drake.simulation.world.pushing_hand import PushingHand
 
 SCRIPT = Path(__file__).parents[2] / "diagrams" / "contact_impedance.py"
 HOME = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
@@ -55,13 +56,9 @@ class TruePoint(LeafSystem):
 
 def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     """Simulate pushes; return robot and log."""
-    robot = lwr4()
-    robot.home = HOME
+    robot = lwr4(home=HOME)
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
-    velocities = cell.plant.num_velocities(), cell.hand.floating_velocities_start_in_v()
-    hand = builder.AddSystem(HumanHand(robot, HandParameters(), pushes, *velocities))
-    cell.plant.SetDefaultFloatingBaseBodyPose(cell.hand, hand.start_pose())
+    cell = add_cell(builder, robot, [PushingHand(pushes), Floor()])
     point = builder.AddSystem(TruePoint(cell, offset))
     camera = builder.AddSystem(ConstantVectorSource([float(CameraStatus.OK)]))
     sensor, dynamics = builder.AddSystem(JointSensor(robot)), builder.AddSystem(RobotDynamics(robot))
@@ -87,11 +84,8 @@ def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     builder.Connect(camera.get_output_port(), monitor.GetInputPort("camera_status"))
     builder.Connect(cell.robot_state, sensor.get_input_port())
     builder.Connect(cell.robot_state, point.GetInputPort("state"))
-    builder.Connect(cell.plant.get_contact_results_output_port(), point.GetInputPort("results"))
+    builder.Connect(cell.contact_results, point.GetInputPort("results"))
     builder.Connect(controller.GetOutputPort("torque_commanded"), cell.torque_input)
-    builder.Connect(cell.hand_state, hand.GetInputPort("hand_state"))
-    builder.Connect(cell.robot_state, hand.GetInputPort("robot_state"))
-    builder.Connect(hand.get_output_port(), cell.hand_force_input)
     recorder = Recorder(builder, 0.005)
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:7])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[7:])
@@ -102,9 +96,7 @@ def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     recorder.add("contact_position", controller.GetOutputPort("contact_position"), "m")
     recorder.add("torque_excess", controller.GetOutputPort("torque_excess"), "Nm")
     recorder.add("contact_force", force.GetOutputPort("contact_force"), "N")
-    recorder.add(
-        "contact_truth", cell.plant.get_contact_results_output_port(), "N", lambda r: contact_truth(r, cell), 7
-    )
+    recorder.add("contact_truth", cell.contact_results, "N", lambda r: contact_truth(r, cell), 7)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(duration)

@@ -12,7 +12,7 @@ from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 Array = NDArray[np.float64]
 

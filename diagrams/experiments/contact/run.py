@@ -16,7 +16,7 @@ from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Log, Metric, RunOptions, advance
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
-from saphari_drake.simulation.world.cell import add_cell, contact_truth
+from saphari_drake.simulation.world.cell import Cell, contact_truth
 
 Array = NDArray[np.float64]
 BLUE, GREEN = (0.0, 0.25, 0.80), (0.0, 0.62, 0.45)
@@ -65,7 +65,7 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
     recorder.add("torque", p.torque_output, "Nm")
     recorder.add("torque_excess", p.controller.GetOutputPort("torque_excess"), "Nm")
-    truth = cell.plant.get_contact_results_output_port()
+    truth = cell.contact_results
     recorder.add("contact_truth", truth, "N, m, index", lambda results: contact_truth(results, cell), 7)
     return recorder
 
@@ -113,8 +113,7 @@ def timing(
 
 
 def replay_contact(
-    robot: RobotModel,
-    system: ContactCellParameters,
+    cell: Cell,
     log: Log,
     path: Path,
     title: str,
@@ -122,10 +121,6 @@ def replay_contact(
     camera: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.85, 1.2, 0.95), (0.0, 0.4, 0.55)),
 ) -> None:
     """Write the run as a page that plays offline: arm, hand, estimated contact, estimated and true force."""
-
-    def plant(builder: DiagramBuilder):
-        return add_cell(builder, robot, system.cell).plant
-
     answered = (log["mode"][:, 0] == 1) | (log["mode"][:, 0] == 2)
     truth, scale = log["contact_truth"], ARROW_SCALE
     touched = np.linalg.norm(truth[:, :3], axis=1) > 0.0
@@ -137,4 +132,4 @@ def replay_contact(
         Arrow("true force", truth[:, 3:6] - scale * truth[:, :3], truth[:, :3], scale, GREEN, touched, 0.004),
         *more,
     ]
-    write_replay(path, plant, log.time, log["plant_position"], overlays, camera=camera, title=title)
+    write_replay(path, cell.copy_to, log.time, log["plant_position"], overlays, camera=camera, title=title)

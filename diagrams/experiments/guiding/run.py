@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
@@ -145,10 +145,10 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     builder = DiagramBuilder()
     cell = add_guiding_cell(builder, robot, grips, system, layout)
     recorder, fast = record(builder, cell, system.pipeline.period), Recorder(builder, system.time_step)
-    fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
+    fast.add("velocity", cell.cell.robot_state, "rad/s", lambda x: x[robot.n :])
     fast.add("torque_excess", cell.torque_excess, "Nm")
     if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+        MeshcatVisualizer.AddToBuilder(builder, cell.cell.scene_graph, meshcat)
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 
 
@@ -181,9 +181,9 @@ def _grips(
 
 def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorder:
     """Record, once a cycle, what the figures and the judgement need."""
-    recorder, n = Recorder(builder, period), cell.robot.n
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder, n = Recorder(builder, period), cell.cell.robot.n
+    recorder.add("position", cell.cell.robot_state, "rad", lambda x: x[:n])
+    recorder.add("velocity", cell.cell.robot_state, "rad/s", lambda x: x[n:])
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
     recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {

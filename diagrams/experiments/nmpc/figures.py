@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from experiments.nmpc.build import add_robot
 from experiments.nmpc.jobs import frame_pose, point_positions
 from experiments.nmpc.run import NmpcRun
 from saphari_drake.messages import NmpcStatus
@@ -154,7 +153,7 @@ def _status(ax: Axes, run: NmpcRun) -> None:
 
 def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 20.0) -> None:
     """Write the run as a page that plays offline: robot, test spheres, obstacles, predicted motion and reference."""
-    job, log, geometry = run.cell.job, run.log, run.cell.params.geometry
+    job, log = run.cell.job, run.log
     every = max(1, round(1.0 / (fps * (log.time[1] - log.time[0]))))
     rows = np.arange(0, len(log.time), every)
     times = log.time[rows]
@@ -177,7 +176,7 @@ def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 
             )
     write_replay(
         path,
-        lambda builder: add_robot(builder, job, 0.001, geometry)[0],
+        run.cell.cell.copy_to,
         times,
         log["position"][rows],
         overlays,

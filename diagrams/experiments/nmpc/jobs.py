@@ -55,11 +55,10 @@ class NmpcJob:
     Attributes
     ----------
     robot : RobotModel
+        Starts at its home posture.
     end_effector : str
         Frame that follows the reference.
     points : tuple of TestPoint
-    start : (n,) array
-        Joint positions at the start.
     reference : callable
         Time (s) to the desired pose of the end effector.
     obstacles : callable
@@ -69,7 +68,6 @@ class NmpcJob:
     robot: RobotModel
     end_effector: str
     points: tuple[TestPoint, ...]
-    start: Array
     reference: Callable[[float], Pose]
     obstacles: Callable[[float], ObstaclePoints]
 

@@ -114,7 +114,7 @@ def manipulator_job(robot: RobotModel, params: ManipulatorParameters) -> NmpcJob
     def reference(time: float) -> Pose:
         return pose
 
-    return NmpcJob(robot, tip, points, start, reference, fixed_obstacles(obstacles))
+    return NmpcJob(robot.with_home(start), tip, points, reference, fixed_obstacles(obstacles))
 
 
 def _posture(robot: RobotModel, degrees: list[float], default: Array) -> Array:

@@ -103,7 +103,7 @@ def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJo
         obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
     else:
         obstacles = fixed_obstacles(OBSTACLES)
-    return NmpcJob(robot, TIP, OMNIROB_POINTS, start, reference, obstacles)
+    return NmpcJob(robot.with_home(start), TIP, OMNIROB_POINTS, reference, obstacles)
 
 
 def _shifted(path: MobilePathParameters, y: float) -> tuple[float, float]:

@@ -50,7 +50,7 @@ def free_tracking_error(run: NmpcRun, params: MobileParameters) -> float:
     job, period = run.cell.job, params.cell.controller.period
     controller = controller_for("1", deepcopy(params.cell.controller))
     problem = NmpcProblem(job.robot, job.end_effector, job.points, controller)
-    q, errors = job.start, []
+    q, errors = job.robot.home, []
     memory = at_rest(problem, q)
     for k in range(len(run.steps.time) - 1):
         time = k * period

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -25,8 +24,8 @@ from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.view.replay import Arrow, write_replay
-from saphari_drake.simulation.world.obstacle_cell import add_obstacle_cell
-from saphari_drake.simulation.world.references import StraightMotion, StraightMotionParameters
+from saphari_drake.simulation.world.cell import contact_truth
+from saphari_drake.simulation.world.straight_motion import StraightMotionParameters, straight_motion
 
 Array = NDArray[np.float64]
 CASES = {
@@ -114,7 +113,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
         start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
-        motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
+        motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
             builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
@@ -146,7 +145,7 @@ def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
     recorder.add("contact_torque", cell.contact_torque, "Nm")
-    recorder.add("contact", cell.plant.get_contact_results_output_port(), "N, m", contact_on_robot, 6)
+    recorder.add("contact", cell.contact_results, "N, m", lambda results: contact_truth(results, cell)[:6], 6)
     recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
     recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
     for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
@@ -174,17 +173,6 @@ def limits(*runs: Run) -> list[Metric]:
     """Return how far the runs use the joints' limits, at every step of the plant."""
     velocity, excess = (np.vstack([run.fast[name] for run in runs]) for name in ("velocity", "torque_excess"))
     return limit_metrics(runs[0].setup.robot, velocity, excess)
-
-
-def contact_on_robot(results: ContactResults) -> Array:
-    """Return the obstacle's force (N, world) and its point (m, world), zeros without contact; there is one obstacle."""
-    force, point = np.zeros(3), np.zeros(3)
-    for i in range(results.num_point_pair_contacts()):
-        info = results.point_pair_contact_info(i)
-        # contact_force() acts on body B; the robot was added first and has the lower index.
-        force += info.contact_force() * (1.0 if info.bodyB_index() < info.bodyA_index() else -1.0)
-        point = info.contact_point()
-    return np.concatenate([force, point])
 
 
 class Runs:
@@ -216,12 +204,10 @@ class Runs:
 
 def replay(run: Run, path: Path, title: str) -> None:
     """Write the run as a page that plays offline, with the contact force as an arrow."""
-    robot, scale = run.setup.robot, 0.01
-
-    def plant(builder: DiagramBuilder):
-        return add_obstacle_cell(builder, robot, aimed(run.setup.scenario).cell).plant
-
+    scale = 0.01
     force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
     arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
     camera = ((1.6, 1.6, 1.2), (0.2, 0.0, 0.5))
-    write_replay(path, plant, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title)
+    write_replay(
+        path, run.setup.parts.cell.copy_to, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title
+    )

@@ -22,7 +22,8 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Log, Metric
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.world.kinematic_arm import KinematicArm, SampledSignal, WaypointPath
+from saphari_drake.simulation.world.kinematic_arm import KinematicArm
+from saphari_drake.simulation.world.references import Reference, WaypointPath
 
 Array = NDArray[np.float64]
 NO_TARGETS = np.zeros((0, 6))
@@ -93,7 +94,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> Plan
         "controller", ReversePriorityController(robot, planar_levels(robot, params, case), params.controller)
     )
     arm = builder.AddNamedSystem("arm", KinematicArm(robot, period))
-    source = builder.AddNamedSystem("path", SampledSignal(lambda t: position_reference(*path(t)), period))
+    source = builder.AddNamedSystem("path", Reference({"value": lambda t: position_reference(*path(t))}, period))
     builder.Connect(source.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), arm.GetInputPort("velocity_commanded"))
     builder.Connect(arm.GetOutputPort("position_measured"), controller.GetInputPort("position_measured"))

@@ -17,7 +17,7 @@ from saphari_drake.messages import Immutable
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 Array = NDArray[np.float64]
 

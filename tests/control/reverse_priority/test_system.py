@@ -26,7 +26,7 @@ from saphari_drake.control.reverse_priority.system import (
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.experiment import main
-from saphari_drake.simulation.world.kinematic_arm import WaypointPath
+from saphari_drake.simulation.world.references import WaypointPath
 
 NOWHERE = np.zeros((0, 6))
 SCRIPT = Path(__file__).parents[3] / "diagrams" / "reverse_priority_planar.py"

@@ -26,8 +26,7 @@ class Run:
     """A cell with one push, simulated with its camera."""
 
     def __init__(self, push, params=None, renderer="auto"):
-        self.robot, self.push = lwr4(), push
-        self.robot.home = HOME
+        self.robot, self.push = lwr4(home=HOME), push
         params = params or ContactCellParameters()
         params.camera.renderer = renderer
         builder = DiagramBuilder()
@@ -43,8 +42,7 @@ class Run:
         recorder.add("contact", p.detector.GetOutputPort("contact"), "1")
         recorder.add("contact_force", p.force.GetOutputPort("contact_force"), "N")
         recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
-        results = cell.plant.get_contact_results_output_port()
-        recorder.add("contact_truth", results, "N", lambda r: contact_truth(r, cell), 7)
+        recorder.add("contact_truth", cell.contact_results, "N", lambda r: contact_truth(r, cell), 7)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
 

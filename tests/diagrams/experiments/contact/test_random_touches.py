@@ -16,7 +16,7 @@ from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import find_target
 from saphari_drake.simulation.runner.experiment import main
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 DIAGRAMS = Path(__file__).parents[4] / "diagrams"
 HAND = HandParameters()

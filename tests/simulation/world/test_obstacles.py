@@ -6,9 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.pipelines.null_space import NullSpaceCellParameters, add_null_space_cell
-from saphari_drake.simulation.world.ball_and_wall import BallParameters, ball_travel
-from saphari_drake.simulation.world.obstacle_cell import ObstacleCellParameters, add_obstacle_cell
-from saphari_drake.simulation.world.references import StraightMotionParameters, straight_motion
+from saphari_drake.simulation.world.cell import add_cell
+from saphari_drake.simulation.world.obstacles import BallParameters, ObstacleCellParameters, ball_path
 
 
 @pytest.mark.parametrize("obstacle", ["ball", "wall"])
@@ -20,7 +19,7 @@ def test_stiffness_of_the_obstacles(lwr4, obstacle):
     if obstacle == "wall":
         params.wall.gap = 1e-12
     builder = DiagramBuilder()
-    cell = add_obstacle_cell(builder, lwr4, params)
+    cell = add_cell(builder, lwr4, params.bodies, params)
     builder.ExportInput(cell.torque_input, "torque")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
@@ -46,19 +45,21 @@ def test_stiffness_of_the_obstacles(lwr4, obstacle):
     assert measured == pytest.approx(stiffness * deep, rel=0.01)
 
 
-def test_travel_of_ball_and_path():
-    """The ball reaches its stroke at its speed, dwells, and returns; the path is smooth and there and back."""
+def test_travel_of_the_ball():
+    """The ball reaches its stroke at its speed, dwells, returns at the same speed, and stays away."""
     p = BallParameters()
-    assert ball_travel(p, p.start)[0] == 0.0
-    assert ball_travel(p, p.arrival + 5.0) == (p.gap + p.stroke, 0.0)
-    assert ball_travel(p, p.departure + 60.0) == (0.0, 0.0)
-    motion, h = StraightMotionParameters(), 1e-6
-    for t in (0.2, 1.0, 3.4, 3.9, 5.0, 8.0):
-        s, rate, second = straight_motion(motion, t)
-        assert 0.0 <= s <= 1.0
-        after, before = straight_motion(motion, t + h), straight_motion(motion, t - h)
-        assert rate == pytest.approx((after[0] - before[0]) / (2 * h), abs=1e-6)
-        assert second == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-5)
+    path, reach = ball_path(p), p.gap + p.stroke
+    speed = path.MakeDerivative()
+    for time, travel, rate in (
+        (0.5 * p.start, 0.0, 0.0),
+        (p.start + 0.1, 0.1 * p.speed, p.speed),
+        (p.arrival - 1e-9, reach, p.speed),
+        (p.arrival + 5.0, reach, 0.0),
+        (p.departure + 0.1, reach - 0.1 * p.speed, -p.speed),
+        (p.departure + 60.0, 0.0, 0.0),
+    ):
+        assert path.value(time)[0, 0] == pytest.approx(travel, abs=1e-9)
+        assert speed.value(time)[0, 0] == pytest.approx(rate, abs=1e-9)
 
 
 def test_short_run_in_the_cell(lwr4):

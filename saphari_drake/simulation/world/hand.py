@@ -1,17 +1,17 @@
-"""Bodies of the surroundings, added to the plant as real bodies with compliant contact."""
+"""A person's hand as a free body with compliant contact."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import AddContactMaterial, Box, Capsule, ProximityProperties, Sphere
+from pydrake.geometry import Capsule, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
 
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.simulation.world.plant import point_contact
 
 _SKIN = np.array([0.89, 0.71, 0.58, 1.0])
-_FLOOR = np.array([0.80, 0.81, 0.83, 1.0])
 
 
 @dataclass
@@ -70,21 +70,6 @@ def add_hand(plant: MultibodyPlant, params: HandParameters, name: str = "hand") 
 
 def _add_shape(plant: MultibodyPlant, body: RigidBody, name: str, shape, x: float, params: HandParameters) -> None:
     X_HG = RigidTransform(RotationMatrix.MakeYRotation(np.pi / 2), [x, 0.0, 0.0])
-    properties = ProximityProperties()
-    AddContactMaterial(
-        properties=properties,
-        dissipation=params.dissipation,
-        point_stiffness=params.tissue_stiffness,
-        friction=CoulombFriction(params.friction, params.friction),
-    )
-    plant.RegisterCollisionGeometry(body, X_HG, shape, name, properties)
+    skin = point_contact(params.tissue_stiffness, params.dissipation, params.friction)
+    plant.RegisterCollisionGeometry(body, X_HG, shape, name, skin)
     plant.RegisterVisualGeometry(body, X_HG, shape, name, _SKIN)
-
-
-def add_floor(plant: MultibodyPlant, size: float = 4.0) -> ModelInstanceIndex:
-    """Add a square floor (m) below z = 0, for the camera to see; nothing collides with it."""
-    instance = plant.AddModelInstance("floor")
-    body = plant.AddRigidBody("floor", instance, SpatialInertia.SolidBoxWithMass(1.0, size, size, 0.02))
-    plant.WeldFrames(plant.world_frame(), body.body_frame(), RigidTransform([0.0, 0.0, -0.01]))
-    plant.RegisterVisualGeometry(body, RigidTransform(), Box(size, size, 0.02), "floor", _FLOOR)
-    return instance

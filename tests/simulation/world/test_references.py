@@ -1,0 +1,75 @@
+"""Signals that are functions of time, paths that rest at points, and the straight motion made of them."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from saphari_drake.simulation.world.references import Reference, rest_to_rest
+from saphari_drake.simulation.world.straight_motion import StraightMotionParameters, straight_motion
+
+
+def test_a_held_signal_is_sampled_at_the_start_of_each_cycle():
+    """It changes just after the nominal times of the cycle, to the value of that time; without a period it follows."""
+    builder = DiagramBuilder()
+    held = builder.AddSystem(Reference({"value": lambda t: [t, -t]}, 0.01))
+    free = builder.AddSystem(Reference({"value": lambda t: np.array([t])}))
+    logs = [LogVectorOutput(system.get_output_port(), builder, 0.002) for system in (held, free)]
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.1)
+    t = logs[0].FindLog(simulator.get_context()).sample_times()
+    # At a nominal time itself the sample of the cycle before still holds.
+    expected = 0.01 * np.maximum(np.ceil(t / 0.01 - 1e-6) - 1.0, 0.0)
+    np.testing.assert_allclose(logs[0].FindLog(simulator.get_context()).data(), [expected, -expected], atol=1e-12)
+    np.testing.assert_allclose(logs[1].FindLog(simulator.get_context()).data()[0], t, atol=1e-15)
+
+
+def test_abstract_values_and_clones():
+    """A value that is no array comes as it is; a cloned Context holds its own."""
+    system = Reference({"word": lambda t: f"{t:.2f}", "number": lambda t: np.array([t])}, 0.01)
+    simulator = Simulator(system)
+    simulator.AdvanceTo(0.015)
+    context = simulator.get_context()
+    clone = Simulator(system, context.Clone())
+    simulator.AdvanceTo(0.035)
+    words = [system.GetOutputPort("word").Eval(c) for c in (simulator.get_context(), clone.get_context())]
+    assert words == ["0.03", "0.01"]
+    assert system.GetOutputPort("number").Eval(clone.get_context()) == pytest.approx(0.01)
+
+
+def test_path_is_at_rest_at_each_point():
+    """It passes the points at their times with neither speed nor acceleration; the middle of a line is its middle."""
+    times, points = [0.5, 1.5, 1.5, 2.0], np.array([[0.0, 1.0], [2.0, 0.0], [9.0, 9.0], [2.0, 4.0]])
+    path = rest_to_rest(times, points)
+    for time, point in zip([0.5, 1.5, 2.0], points[[0, 1, 3]]):
+        np.testing.assert_allclose(path.value(time).ravel(), point, atol=1e-12)
+        for order in (1, 2):
+            np.testing.assert_allclose(path.EvalDerivative(time, order), 0.0, atol=1e-8)
+    np.testing.assert_allclose(path.value(1.0).ravel(), [1.0, 0.5], atol=1e-12)
+    # The largest speed of a minimum-jerk motion is 15/8 of its mean speed.
+    np.testing.assert_allclose(path.EvalDerivative(1.0, 1).ravel(), 1.875 * np.array([2.0, -1.0]), atol=1e-12)
+
+
+@pytest.mark.parametrize("pause", [0.0, 1.0])
+def test_straight_motion_goes_there_and_back(pause):
+    """Pose, velocity and acceleration agree by finite differences, all along two rounds; the orientation stays."""
+    X = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.4, -0.1, 0.6])
+    p = StraightMotionParameters(displacement=[0.1, 0.2, -0.1], pause=pause, period=1e-3)
+    motion, h = straight_motion(X, p), 1e-5
+    sample = motion._sample
+    for t in (0.2, 1.0, 3.4, 3.9, 5.0, 8.0, 9.7, 12.0):
+        now, after, before = sample(t), sample(t + h), sample(t - h)
+        np.testing.assert_allclose(
+            now["desired_velocity"][3:],
+            (after["desired_pose"].translation() - before["desired_pose"].translation()) / (2 * h),
+            atol=1e-6,
+        )
+        difference = (after["desired_velocity"] - before["desired_velocity"]) / (2 * h)
+        np.testing.assert_allclose(now["desired_acceleration"], difference, atol=1e-4)
+        np.testing.assert_array_equal(now["desired_pose"].rotation().matrix(), X.rotation().matrix())
+    far = sample(p.start + p.travel_time)["desired_pose"].translation() - X.translation()
+    np.testing.assert_allclose(far, p.displacement, atol=1e-12)
+    back = sample(p.start + 2.0 * (p.travel_time + pause))["desired_pose"].translation()
+    np.testing.assert_allclose(back, X.translation(), atol=1e-12)
