@@ -8,11 +8,9 @@ import numpy as np
 from experiments.localization.judge import Row, Shown, judged_scene
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
-    CASES,
     ContactLocalizationScenario,
     believed_cameras,
     build_scenes,
-    scenario_for,
 )
 from experiments.localization.scenes import KINDS, ContactScenes, Touch
 from pydrake.systems.framework import Diagram
@@ -21,7 +19,10 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.vision import ContactVision
 from saphari_drake.perception.segmentation.background import background_depth
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Outcome, RunOptions, main
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.results import Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 SHOWN = 15  # scenes of the replay
 
@@ -99,15 +100,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment(
-    name="contact_localization",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = experiment_of(globals(), accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

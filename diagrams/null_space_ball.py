@@ -13,7 +13,9 @@ from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, buil
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 RUNS = Runs()
 
@@ -81,15 +83,7 @@ def steady_error(result: Run, rows: np.ndarray) -> float:
     return float(np.linalg.norm((task.J_inv.T @ torque / controller.gains.K_x)[-3:]))
 
 
-EXPERIMENT = Experiment(
-    name="null_space_ball",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = experiment_of(globals(), accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -8,7 +8,9 @@ from experiments.null_space.figures import comparison
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, speed
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.world.straight_motion import StraightMotionParameters
 
 RUNS = Runs()
@@ -69,15 +71,7 @@ def rms(run: Run) -> float:
     return float(np.sqrt(np.mean(run.error() ** 2)))
 
 
-EXPERIMENT = Experiment(
-    name="null_space_wall",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = experiment_of(globals(), accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

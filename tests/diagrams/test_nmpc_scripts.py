@@ -20,7 +20,9 @@ from saphari_drake.messages import NmpcStatus, ObstaclePoints
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.motion_files import JOINTS
-from saphari_drake.simulation.runner.experiment import Log, RunOptions, main
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import main
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 NEAR = 0.05  # m; so close to the least distance, an obstacle has been reached

@@ -9,7 +9,8 @@ import pytest
 from experiments.null_space.run import CASES, aimed
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.simulation.runner.experiment import RunOptions, main
+from saphari_drake.simulation.runner.experiment import main
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 FOLDER = Path(__file__).parents[2] / "diagrams"
 NAMES = ("null_space_ball", "null_space_wall", "null_space_robustness")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from experiments.nmpc.jobs import NmpcJob
@@ -15,7 +15,9 @@ from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.person_body import add_person_body
@@ -60,7 +62,7 @@ def build_nmpc(
     seen : bool
         Whether the controller gets its obstacles from a depth camera, instead of being told where they are.
     """
-    robot, n, step = job.robot, job.robot.n, params.time_step
+    robot, step = job.robot, params.time_step
     builder = DiagramBuilder()
     cell = add_cell(builder, robot, [Floor(FLOOR)], params)
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
@@ -98,10 +100,7 @@ def build_nmpc(
     builder.Connect(command, servo.GetInputPort("velocity_commanded"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(torque, cell.torque_input)
-    fast, slow = Recorder(builder, step), Recorder(builder, period)
-    state = cell.robot_state
-    fast.add("position", state, "rad, m", lambda x: x[:n])
-    fast.add("velocity", state, "rad/s, m/s", lambda x: x[n:])
+    fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
     fast.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm, N")
     for name, unit in (("status", "1"), ("solve_time", "s"), ("slack", "m"), ("min_clearance", "m")):
@@ -109,8 +108,7 @@ def build_nmpc(
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])
     slow.add("obstacles_known", known, "m", _padded, size=4 * KNOWN)
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+    show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
 
 

@@ -14,7 +14,7 @@ from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.runner.experiment import Metric
+from saphari_drake.simulation.runner.results import Metric
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from experiments.nmpc.run import NmpcRun, counts, known_obstacles, margins, stop
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.messages import ObstaclePoints
-from saphari_drake.simulation.runner.experiment import Metric
+from saphari_drake.simulation.runner.results import Metric
 
 REPORTED = {"1": "< 20 ms", "2": "slightly above case 1", "3": "< 80 ms"}
 

@@ -1,6 +1,5 @@
 """What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
 
-import time
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.errors import ParameterError
@@ -21,9 +19,11 @@ from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
+from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.view.replay import Arrow, write_replay
+from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
+from saphari_drake.simulation.view.replay import Arrow, show, write_replay
 from saphari_drake.simulation.world.cell import contact_truth
 from saphari_drake.simulation.world.straight_motion import StraightMotionParameters, straight_motion
 
@@ -69,7 +69,7 @@ class Setup:
     diagram: Diagram
     parts: NullSpaceCell
     recorder: Recorder
-    fast_recorder: Recorder  # every step of the plant
+    fast: Recorder  # every step of the plant
 
 
 @dataclass
@@ -117,11 +117,9 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
             builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
-    recorder, fast = _record(builder, parts), Recorder(builder, scenario.system.cell.time_step)
-    fast.add("velocity", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
-    fast.add("torque_excess", parts.controller.GetOutputPort("torque_excess"), "Nm")
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+    recorder = _record(builder, parts)
+    fast = record_limits(builder, parts.cell, parts.controller.GetOutputPort("torque_excess"))
+    show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 
 
@@ -139,11 +137,8 @@ def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
 
 
 def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
-    recorder, cell = Recorder(builder, RECORD_PERIOD), parts.cell
-    n, num_positions = cell.robot.n, cell.plant.num_positions()
-    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    cell = parts.cell
+    recorder = record_robot(builder, cell, RECORD_PERIOD)
     recorder.add("contact_torque", cell.contact_torque, "Nm")
     recorder.add("contact", cell.contact_results, "N, m", lambda results: contact_truth(results, cell)[:6], 6)
     recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
@@ -191,23 +186,17 @@ class Runs:
         if key not in self._done:
             options = options or RunOptions()
             setup = build(scenario, options.meshcat)
-            simulator = Simulator(setup.diagram)
-            simulator.set_target_realtime_rate(options.realtime_rate)
-            simulator.Initialize()
-            start = time.process_time()
-            wall = advance(simulator, scenario.duration, observer)
-            cpu, context = time.process_time() - start, simulator.get_context()
-            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
-            self._done[key] = Run(setup, log, fast, wall, cpu)
+            run = Simulation(setup.diagram, observer, options)
+            run.to(scenario.duration)
+            self._done[key] = Run(setup, run.log(setup.recorder), run.log(setup.fast), run.wall, run.cpu)
         return self._done[key]
 
 
 def replay(run: Run, path: Path, title: str) -> None:
     """Write the run as a page that plays offline, with the contact force as an arrow."""
-    scale = 0.01
-    force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
+    log, cell, scale = run.log, run.setup.parts.cell, 0.01
+    force, point = log["contact"][:, :3], log["contact"][:, 3:]
     arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
+    positions = log["plant_position" if "plant_position" in log else "position"]  # a wall does not move
     camera = ((1.6, 1.6, 1.2), (0.2, 0.0, 0.5))
-    write_replay(
-        path, run.setup.parts.cell.copy_to, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title
-    )
+    write_replay(path, cell.copy_to, log.time, positions, [arrow], camera=camera, title=title)

@@ -13,7 +13,7 @@ from experiments.priority.three_level_build import ThreeLevelCell
 from saphari_drake.control.reverse_priority.tasks import Bound
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.runner.experiment import Log
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import CYCLE, Line, Panel, blank, draw_panel, time_panels
 from saphari_drake.simulation.view.overlays import Marker
 from saphari_drake.simulation.view.replay import write_replay

@@ -19,9 +19,10 @@ from saphari_drake.control.reverse_priority.tasks import Bound, Level, plane_dis
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Log, Metric
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.world.kinematic_arm import KinematicArm
 from saphari_drake.simulation.world.references import Reference, WaypointPath
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.priority.drake_ik import DifferentialIK, median_seconds
@@ -13,10 +13,13 @@ from experiments.priority.three_level import ThreeLevelJob, circle_reference, cl
 from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Log, Metric
+from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.references import Reference
 
@@ -36,7 +39,7 @@ class ThreeLevelCell(NamedTuple):
 def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> ThreeLevelCell:
     """Build the diagram: sensor → dynamics and controller → servo → torques of the plant, all at the same cycle."""
     robot, params = job.robot, job.params
-    period, n = params.controller.period, robot.n
+    period = params.controller.period
     builder = DiagramBuilder()
     cell = add_cell(builder, robot)
     exact = JointSensorParameters(period=period, differentiate=False)
@@ -55,10 +58,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), servo.GetInputPort("velocity_commanded"))
     builder.Connect(servo.GetOutputPort("torque_commanded"), cell.torque_input)
-    recorder = Recorder(builder, 0.001)
-    state = cell.robot_state
-    recorder.add("position", state, "rad", lambda x: x[:n])
-    recorder.add("velocity", state, "rad/s", lambda x: x[n:])
+    recorder = record_robot(builder, cell, 0.001)
     recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
     recorder.add("person", person.GetOutputPort("value"), "m, m/s")
     recorder.add("reference", path.GetOutputPort("value"), "m, m/s", lambda r: np.append(r[9:12], r[15:18]))
@@ -73,8 +73,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
         recorder.add(name, controller.GetOutputPort(name), unit)
     recorder.add("torque", servo.GetOutputPort("torque_commanded"), "Nm")
     recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+    show(builder, cell.scene_graph, meshcat)
     return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 
 

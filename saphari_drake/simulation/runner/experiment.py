@@ -9,49 +9,22 @@ import math
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.simulation.record.files import atomic_path, write_text
-from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.command_line import complain, parser, say
-from saphari_drake.simulation.runner.results import Metric, Outcome, prepare_folder, table, write_outputs
+from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.replay import start_meshcat
 
-__all__ = ["Experiment", "Log", "Metric", "Outcome", "RunOptions", "advance", "main"]
-
 PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-CHUNK = 0.1  # simulated time between two looks at the clock (s)
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """What a run is given beside its scenario.
-
-    Attributes
-    ----------
-    meshcat : Meshcat, optional
-        Live view to publish to.
-    out : path, optional
-        Folder of this case, if files are to be written.
-    """
-
-    meshcat: Meshcat | None = None
-    out: Path | None = None
-
-    @property
-    def realtime_rate(self) -> float:
-        """Rate to aim at: 1 with a live view, otherwise 0 (as fast as possible)."""
-        return 0.0 if self.meshcat is None else 1.0
 
 
 @dataclass(frozen=True)
@@ -96,29 +69,19 @@ class Experiment:
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
 
-def advance(simulator: Simulator, duration: float, label: str = "") -> float:
-    """Advance a simulator by `duration` (s), showing progress on stderr if that is a terminal.
+def experiment_of(script: Mapping[str, Any], **options: Any) -> Experiment:
+    """Return the experiment that a script's own names make: `CASES`, `scenario_for`, `run` and `build_diagram`.
 
-    Returns
-    -------
-    float
-        Wall time it took (s).
+    Parameters
+    ----------
+    script : mapping
+        The script's ``globals()``; the experiment is called as its file, and its docstring's first line is the summary.
+    **options
+        `accepts_model` and `seedless` of `Experiment`.
     """
-    start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
-    terminal = sys.stderr.isatty()
-    steps = max(1, math.ceil(duration / CHUNK - 1e-9))
-    try:
-        for step in range(1, steps + 1):
-            simulator.AdvanceTo(start + duration * step / steps)
-            wall, done = time.perf_counter() - wall_start, duration * step / steps
-            if terminal and (wall - shown > 0.1 or step == steps):
-                shown = wall
-                text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
-                print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-    finally:
-        if terminal and shown >= 0.0:
-            print(file=sys.stderr, flush=True)
-    return time.perf_counter() - wall_start
+    name, summary = Path(script["__file__"]).stem, script["__doc__"].partition("\n")[0]
+    parts = {part: script[part] for part in ("scenario_for", "run", "build_diagram")}
+    return Experiment(name, summary, script["CASES"], **parts, **options)
 
 
 def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:

@@ -18,9 +18,12 @@ from pydrake.systems.primitives import LinearSystem
 
 from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
 from saphari_drake.parameters import require_positive
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.scenario import with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions, advance
 from saphari_drake.simulation.view.figures import Panel, time_panels
 
 
