@@ -17,7 +17,7 @@ from saphari_drake.messages import ForceStatus
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
@@ -133,7 +133,7 @@ def replay(setup: ContactSetup, log: Log, path: Path) -> None:
     replay_contact(setup.parts.cell, log, path, title, camera=camera)
 
 
-EXPERIMENT = experiment_of(globals(), accepts_model=True)
+EXPERIMENT = Experiment("contact_force", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -8,9 +8,11 @@ import numpy as np
 from experiments.localization.judge import Row, Shown, judged_scene
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
+    CASES,
     ContactLocalizationScenario,
     believed_cameras,
     build_scenes,
+    scenario_for,
 )
 from experiments.localization.scenes import KINDS, ContactScenes, Touch
 from pydrake.systems.framework import Diagram
@@ -20,7 +22,7 @@ from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.vision import ContactVision
 from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.simulation.record.log import Log
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -100,7 +102,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = experiment_of(globals(), accepts_model=True)
+EXPERIMENT = Experiment("contact_localization", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

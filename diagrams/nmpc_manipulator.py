@@ -10,7 +10,7 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -66,7 +66,9 @@ def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = experiment_of(globals(), accepts_model=True, seedless=frozenset(CASES))
+EXPERIMENT = Experiment(
+    "nmpc_manipulator", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, seedless=frozenset(CASES)
+)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -11,7 +11,7 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -74,7 +74,15 @@ def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = experiment_of(globals(), seedless=frozenset(CASES) - {"human_seen"})
+EXPERIMENT = Experiment(
+    "nmpc_mobile_manipulator",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    seedless=frozenset(CASES) - {"human_seen"},
+)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -15,7 +15,7 @@ from experiments.priority.three_level_build import (
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 
@@ -99,7 +99,15 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
     )
 
 
-EXPERIMENT = experiment_of(globals(), seedless=frozenset(CASES) - {"three_level"})
+EXPERIMENT = Experiment(
+    "reverse_priority_planar",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    seedless=frozenset(CASES) - {"three_level"},
+)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

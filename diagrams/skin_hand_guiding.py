@@ -11,7 +11,7 @@ from experiments.guiding.touches import skin_metrics
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.people.guiding_hands import Pull
-from saphari_drake.simulation.runner.experiment import experiment_of, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -95,7 +95,7 @@ def _second_rank(result: GuidingRun) -> np.ndarray:
     return ranks[ranks > 0] if np.any(ranks > 0) else np.zeros(1)
 
 
-EXPERIMENT = experiment_of(globals(), accepts_model=True)
+EXPERIMENT = Experiment("skin_hand_guiding", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -12,6 +12,7 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.null_space.motion import StraightMotionParameters, straight_motion
 from saphari_drake.errors import ParameterError
 from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.robots import catalog
@@ -25,7 +26,6 @@ from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, show, write_replay
 from saphari_drake.simulation.world.cell import contact_truth
-from saphari_drake.simulation.world.straight_motion import StraightMotionParameters, straight_motion
 
 Array = NDArray[np.float64]
 CASES = {

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.priority.drake_ik import DifferentialIK, median_seconds
+from experiments.priority.kinematic_arm import KinematicArm
 from experiments.priority.switches import Switch, find_switches
+from experiments.priority.waypoints import WaypointPath
 from saphari_drake.control.reverse_priority.stack import evaluate_component
 from saphari_drake.control.reverse_priority.system import (
     ReversePriorityController,
@@ -23,8 +25,7 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.results import Metric
-from saphari_drake.simulation.world.kinematic_arm import KinematicArm
-from saphari_drake.simulation.world.references import Reference, WaypointPath
+from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
 NO_TARGETS = np.zeros((0, 6))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import shutil
 import subprocess
@@ -67,21 +66,6 @@ class Experiment:
     def described(self, case: str) -> str:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
-
-
-def experiment_of(script: Mapping[str, Any], **options: Any) -> Experiment:
-    """Return the experiment that a script's own names make: `CASES`, `scenario_for`, `run` and `build_diagram`.
-
-    Parameters
-    ----------
-    script : mapping
-        The script's ``globals()``; the experiment is called as its file, and its docstring's first line is the summary.
-    **options
-        `accepts_model` and `seedless` of `Experiment`.
-    """
-    name, summary = Path(script["__file__"]).stem, script["__doc__"].partition("\n")[0]
-    parts = {part: script[part] for part in ("scenario_for", "run", "build_diagram")}
-    return Experiment(name, summary, script["CASES"], **parts, **options)
 
 
 def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
@@ -147,15 +131,8 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> boo
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if options.out is not None:
-        write_outputs(options.out, outcome, to_tree(scenario))
-        _note_seed(options.out / "metrics.json", scenario.case not in experiment.seedless)
+        write_outputs(options.out, outcome, to_tree(scenario), scenario.case not in experiment.seedless)
     return outcome.passed
-
-
-def _note_seed(path: Path, matters: bool) -> None:
-    """Add to metrics.json whether another seed would give other numbers."""
-    document = json.loads(path.read_text()) | {"seed_matters": matters}
-    write_text(path, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:

@@ -26,7 +26,6 @@ from saphari_drake.control.reverse_priority.system import (
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.experiment import main
-from saphari_drake.simulation.world.references import WaypointPath
 
 NOWHERE = np.zeros((0, 6))
 SCRIPT = Path(__file__).parents[3] / "diagrams" / "reverse_priority_planar.py"
@@ -193,17 +192,6 @@ def test_parameters_are_checked(field):
         ReversePriorityParameters(**{field: -1.0})
     with pytest.raises(ParameterError, match="decay"):
         ReversePriorityParameters(decay=1.5)
-
-
-def test_waypoint_velocity_is_the_derivative_and_rests_at_the_points():
-    path = WaypointPath([[0, 0, 0], [1, 0, 0], [1, 2, 0]], 0.5, 1.0)
-    assert path.arrivals == [3.0, 8.0]
-    for t in (0.3, 1.0, 2.5, 3.5, 6.0, 7.5, 20.0):
-        slope = (path(t + 1e-6)[0] - path(t - 1e-6)[0]) / 2e-6
-        np.testing.assert_allclose(path(t)[1], slope, atol=1e-6)
-    np.testing.assert_allclose(path(2.5)[0], [1.0, 0.0, 0.0])
-    with pytest.raises(ParameterError, match="waypoints"):
-        WaypointPath([[0, 0, 0]], 0.5, 1.0)
 
 
 @pytest.fixture(scope="module")
