@@ -17,9 +17,9 @@ REDUNDANT = ("lwr4", "xarm7")
 
 def state(robot, q, v):
     """Return all matrices of a state; the task is a point of the last link."""
-    t, d = robot.tree, evaluate_dynamics(robot, q, v)
-    C = coriolis_matrix(t.parent, t.mass, t.com, t.inertia, d.R_WL, d.p_WL, d.S, d.V)
-    J, Jdot = frame_jacobian(t.parent, d.S, d.V, d.R_WL, d.p_WL, 6, np.array([0.1, 0.02, 0.05]))
+    d = evaluate_dynamics(robot, q, v)
+    C = coriolis_matrix(robot.tree, d.motion)
+    J, Jdot = frame_jacobian(d.motion, 6, np.array([0.1, 0.02, 0.05]))
     return SimpleNamespace(d=d, M=d.M, C=C, J6=J, Jdot6=Jdot, J=J[3:], Jdot=Jdot[3:])
 
 

@@ -8,28 +8,19 @@ says 0: h = 1 wherever (31) says 1.
 from __future__ import annotations
 
 from saphari_drake.compiled import njit
-
-# Steepest slope of the quintic, at a = 1/2.
-QUINTIC_SLOPE = 15.0 / 8.0
-
-
-@njit(cache=True)
-def quintic(a):
-    """Return 6a⁵ − 15a⁴ + 10a³ with `a` clipped to [0, 1]: 0 to 1, with zero slope and curvature at both ends."""
-    a = min(max(a, 0.0), 1.0)
-    return a * a * a * (10.0 + a * (6.0 * a - 15.0))
+from saphari_drake.math.curves import quintic
 
 
 @njit(cache=True)
 def position_activation(x, bound, buffer):
     """Return h_pos = s((x − x̄ + β_p)/β_p): 0 up to the buffer, 1 from the bound x̄ on."""
-    return quintic((x - bound + buffer) / buffer)
+    return quintic((x - bound + buffer) / buffer)[0]
 
 
 @njit(cache=True)
 def velocity_activation(rate, buffer):
     """Return h_vel = s((ẋ_d + β_v)/β_v): 1 for a velocity towards the bound, 0 for one of β_v or more away from it."""
-    return quintic((rate + buffer) / buffer)
+    return quintic((rate + buffer) / buffer)[0]
 
 
 @njit(cache=True)

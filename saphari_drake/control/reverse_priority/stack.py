@@ -111,8 +111,6 @@ class PriorityStack:
             np.array([bound.gain for bound, _ in self.sides]),
         )
         self._task_table = _task_table(self.tasks)
-        t = robot.tree
-        self._tree = t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML
 
     def solve(
         self,
@@ -151,7 +149,7 @@ class PriorityStack:
             raise StateError(f"positions, velocities, references, targets: sizes {sizes}, needed {wanted}")
         result = StackResult(
             *_solve(
-                self._tree, q, self._table, self._task_table, references, targets, self._shape,
+                self.robot.tree, q, self._table, self._task_table, references, targets, self._shape,
                 self.bounds if bounds is None else bounds,
                 self._buffers, v_start, self.robot.v_max, period, self._damping, self._task_damping, self.rows,
             )
@@ -162,8 +160,8 @@ class PriorityStack:
 
     def constraints(self, q: Array, targets: Array) -> tuple[Array, Array, Array]:
         """Return values (c,), Jacobian (c, n) and own rates (c,) of the constraints, all as upper bounds."""
-        R_WL, p_WL, S, _, _ = tree_kinematics(*self._tree, q, np.zeros_like(q))
-        return feature_table(self._tree[0], S, R_WL, p_WL, q, *self._table, targets)
+        R_WL, p_WL, S, _, _, parent = self.robot.kinematics(q)
+        return feature_table(parent, S, R_WL, p_WL, q, *self._table, targets)
 
 
 def evaluate_component(
@@ -171,9 +169,7 @@ def evaluate_component(
 ) -> tuple[float, Array, float]:
     """Return value, Jacobian (n,) and own rate of a component: ẋ_C = J q̇ + own rate."""
     t, q, row = robot.tree, robot.checked_vector(q, "positions"), np.zeros(robot.n)
-    R_WL, p_WL, S, _, _ = tree_kinematics(
-        t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n)
-    )
+    R_WL, p_WL, S, *_ = robot.kinematics(q)
     c = _table([component], [1.0])
     value, own = feature(
         t.parent, S, R_WL, p_WL, q, c.kinds[0], c.links[0], c.points[0], c.indices[0], c.directions[0], c.lengths[0],
@@ -253,8 +249,7 @@ def _task_rows(parent, S, R_WL, p_WL, q, table, references, targets, total):
 def _solve(
     tree, q, c, task_table, references, targets, shape, bounds, buffers, v_start, v_max, period, lam_s, mu, total
 ):
-    parent, kind, axis, R_PF, p_PF, R_ML, p_ML = tree
-    R_WL, p_WL, S, _, _ = tree_kinematics(parent, kind, axis, R_PF, p_PF, R_ML, p_ML, q, np.zeros_like(q))
+    R_WL, p_WL, S, _, _, parent = tree_kinematics(tree, q, np.zeros_like(q))
     x, JC, own = feature_table(
         parent, S, R_WL, p_WL, q, c.kinds, c.links, c.points, c.indices, c.directions, c.lengths, c.signs, targets
     )

@@ -11,7 +11,6 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from saphari_drake.control.reverse_priority.stack import REFERENCE_SIZE, PriorityStack, StackResult, evaluate_component
 from saphari_drake.control.reverse_priority.tasks import FrameTask, Level
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
@@ -148,10 +147,8 @@ class ReversePriorityController(LeafSystem):
 
 def home_references(stack: PriorityStack) -> Array:
     """Return the references (tasks, 18) that hold the frames at the robot's home posture, scalar components at 0."""
-    robot, t = stack.robot, stack.robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(
-        t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, robot.home, np.zeros(robot.n)
-    )
+    robot = stack.robot
+    R_WL, p_WL, *_ = robot.kinematics(robot.home)
     references = np.zeros((len(stack.tasks), REFERENCE_SIZE))
     for row, task in zip(references, stack.tasks):
         if isinstance(task, FrameTask):

@@ -8,11 +8,11 @@ from null_space_loop import Loop, bent
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 
-from saphari_drake.control.null_space.law import advance_offset, rotation_log, rotation_rate
+from saphari_drake.control.null_space.law import advance_offset
 from saphari_drake.control.null_space.parameters import OBSERVERS, NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
 from saphari_drake.math.null_space import null_space, reference_basis
-from saphari_drake.math.rotations import axis_rotation
+from saphari_drake.math.rotations import axis_rotation, rotation_log, rotation_rate
 from saphari_drake.math.task_space import project
 from saphari_drake.math.tree_matrices import coriolis_matrix
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -25,9 +25,9 @@ def plain_torque(controller, robot, d, X_d, V_d, A_d, estimate, q_d):
 
     Also the task error.
     """
-    g, p, m, t = controller.gains, controller.params, controller.m, robot.tree
+    g, p, m = controller.gains, controller.params, controller.m
     now = controller.kinematics(d)
-    C = coriolis_matrix(t.parent, t.mass, t.com, t.inertia, d.R_WL, d.p_WL, d.S, d.V)
+    C = coriolis_matrix(robot.tree, d.motion)
     J, Jdot = now.task.J, now.task.Jdot
     M_inv = np.linalg.inv(d.M)
     Lambda = np.linalg.inv(J @ M_inv @ J.T)
