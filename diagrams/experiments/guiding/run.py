@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
