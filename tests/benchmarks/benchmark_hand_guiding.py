@@ -19,9 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 
-from saphari_drake.control.hand_guiding.cycle import HandGuiding  # noqa: E402
+from saphari_drake.control.hand_guiding.law import HandGuiding  # noqa: E402
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters  # noqa: E402
 from saphari_drake.control.hand_guiding.stability import GuidingLoop, stiffness_table  # noqa: E402
+from saphari_drake.control.hand_guiding.system import sense  # noqa: E402
 from saphari_drake.messages import SkinContact, SkinReading  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
@@ -35,18 +36,18 @@ def cycle_times(F_e: float, F_b: float, feedback: str) -> np.ndarray:
     robot = catalog.lwr4()
     robot.home = np.deg2rad([90.0, -35.0, 0.0, 68.0, 0.0, -45.0, 0.0])
     guiding = HandGuiding(robot, HandGuidingParameters(tip_point=[0.0, 0.0, 0.12], feedback=feedback))
-    guiding.compile()
     state = guiding.start(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
     p, n = np.array([0.0, 0.065, 0.1]), np.array([0.0, 1.0, 0.0])
     seconds = np.empty(STEPS)
     for k in range(STEPS):
         swing = np.sin(2.0 * np.pi * k / 500.0)
         contacts = (SkinContact(2, p, n, np.array([0.5 * swing, -1.0, swing]) * F_b),) if F_b and k > 5 else ()
-        reading = SkinReading(contacts, stamp=state.now)
+        reading = SkinReading(contacts)
         wrench = np.array([0.0, 0.0, 0.0, swing, 0.5, 0.0]) * (F_e if k > 5 else 0.0)
         q, v = state.q, state.v
         start = time.perf_counter()
-        state, _ = guiding.step(state, evaluate_dynamics(robot, q, v), reading, wrench)
+        terms = evaluate_dynamics(robot, q, v)
+        state, _ = guiding.step(state, terms, sense(terms, reading, wrench, guiding.tip))
         seconds[k] = time.perf_counter() - start
     return seconds[100:]
 

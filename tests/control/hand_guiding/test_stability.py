@@ -5,7 +5,7 @@ import pytest
 from guided_arm import HOME, TIP
 from scipy.linalg import expm
 
-from saphari_drake.control.hand_guiding.cycle import HandGuiding
+from saphari_drake.control.hand_guiding.law import HandGuiding
 from saphari_drake.control.hand_guiding.parameters import GuidedPointParameters, HandGuidingParameters
 from saphari_drake.control.hand_guiding.stability import (
     GuidingLoop,
@@ -14,6 +14,7 @@ from saphari_drake.control.hand_guiding.stability import (
     stiffness_table,
     transition_matrix,
 )
+from saphari_drake.control.hand_guiding.system import sense
 from saphari_drake.messages import SkinReading
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
@@ -94,7 +95,7 @@ def test_the_arm_settles_below_and_oscillates_above(lwr4, factor, stable):
             anchor = at.p_WC + np.array([0.0, 0.0, 6.0 / stiffness])
         forces.append(stiffness * (anchor - at.p_WC) if k > 5 else np.zeros(3))
         wrench = np.concatenate([np.zeros(3), forces.pop(0)])
-        state, _ = guiding.step(state, terms, SkinReading(stamp=state.now), wrench)
+        state, _ = guiding.step(state, terms, sense(terms, SkinReading(), wrench, guiding.tip))
         speeds.append(np.linalg.norm(at.v_WC))
     early, late = np.max(speeds[50:150]), np.max(speeds[-100:])
     assert (late < 0.4 * early) if stable else (late > 2.0 * early)

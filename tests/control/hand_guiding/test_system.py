@@ -6,7 +6,8 @@ from bench import PERIOD, Bench
 
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.control.hand_guiding.system import HandGuidingController
-from saphari_drake.messages import GuidingPriority, GuidingStatus, SkinContact, SkinReading, SkinStatus
+from saphari_drake.control.hand_guiding.touch import GuidingPriority, GuidingStatus
+from saphari_drake.messages import SkinContact, SkinReading, SkinStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 HOME = np.deg2rad([90.0, -35.0, 0.0, 68.0, 0.0, -45.0, 0.0])
@@ -37,7 +38,7 @@ def lead(bench, cycles, wrench=PULLED, skin=False):
 
 def test_ports_have_the_sizes_they_state(bench):
     sizes = {
-        "torque_commanded": 7, "torque_excess": 7, "acceleration_commanded": 7, "position_commanded": 7,
+        "torque_commanded": 7, "system_status": 1, "acceleration_commanded": 7, "position_commanded": 7,
         "velocity_commanded": 7, "force": 6, "point_position": 6, "velocity_desired": 6, "acceleration_desired": 6,
         "rank": 2, "unreachable_force": 2, "unreachable_direction": 6, "priority": 1, "status": 1,
     }  # fmt: skip
