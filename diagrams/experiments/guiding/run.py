@@ -10,12 +10,12 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from experiments.contact.run import load_robot
 from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import SkinLayout
+from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.force_recording import ForceRecording, read_force_recording
@@ -86,7 +86,7 @@ class GuidingScenario:
     duration: float = 5.4
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -30.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
     aim_spread: float = 0.012
@@ -137,7 +137,7 @@ class GuidingRun:
 
 def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = None) -> GuidingSetup:
     """Build the diagram of a scenario, with its recorder; `synthetic` is the recording played if none is given."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     system = deepcopy(scenario.system)
     system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
     layout = SkinLayout(robot, system.skin_layout)
