@@ -264,9 +264,7 @@ def test_every_change_is_bumpless(lwr4):
     kinds = {(o.priority, tuple(o.rank > 0), o.status == GuidingStatus.SENSOR_LOST) for o in robot.outputs}
     assert len(kinds) >= 6
     a = np.array([o.acceleration for o in robot.outputs])
-    onset = np.flatnonzero([o.priority == GuidingPriority.END_EFFECTOR for o in robot.outputs])[
-        -50
-    ]
+    onset = np.flatnonzero([o.priority == GuidingPriority.END_EFFECTOR for o in robot.outputs])[-50]
     step = np.linalg.norm(F_e) / 5.0 / sigma
     change = np.linalg.norm(np.diff(a[: onset - 1], axis=0), axis=1)
     assert change.max() < 1.3 * step * PERIOD * (1.0 / 0.1 + 1.0 / robot.params.fade_time)
