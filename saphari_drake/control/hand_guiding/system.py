@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.control.hand_guiding.law import GuidingOutput, GuidingState, HandGuiding
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
+from saphari_drake.control.hand_guiding.stability import check_hand
 from saphari_drake.control.hand_guiding.touch import GuidingStatus, HandForces
 from saphari_drake.messages import SkinContact, SkinReading, SkinStatus, SystemStatus
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
@@ -76,6 +77,8 @@ class HandGuidingController(LeafSystem):
     def __init__(self, robot: RobotModel, params: HandGuidingParameters | None = None) -> None:
         super().__init__()
         self._guiding = HandGuiding(robot, params or HandGuidingParameters())
+        if self._guiding.params.hand_stiffness > 0.0:
+            check_hand(robot, self._guiding.params, *self._guiding.tip)
         n, terms = robot.n, evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         start = replace(self._guiding.start(terms), q_start=np.full(n, np.nan), fresh=True)
         first = self._guiding.step(start, terms, sense(terms, SkinReading(), np.zeros(6), self._guiding.tip))
