@@ -130,7 +130,7 @@ class HandGuiding:
         params, T = self.params, self.params.period
         measured = params.feedback == "measured"
         if not terms.finite and (measured or state.fresh):
-            return self._unknown(state, terms)
+            return self._unknown(state)
         if state.fresh:
             q_start = np.where(np.isnan(state.q_start), terms.q, state.q_start)
             state = replace(self.start(terms), q_start=q_start, now=state.now)
@@ -139,8 +139,7 @@ class HandGuiding:
         link, p_LC, jumped = self._body_point(state, hands, touches)
         points = [self._desired(c, state, actual, hands, touches, (link, p_LC)) for c in touches.order]
         law = self._law(points, -params.null_damping * state.v) if points else None
-        rate = params.hold_damping if hands.known else params.fault_damping
-        nominal = law.acceleration if law else -rate * state.v
+        nominal = law.acceleration if law else -(params.hold_damping if hands.known else params.fault_damping) * state.v
         # A change of the law fades in, out of sight of a main point that stays the same.
         fade, below = self._fading * state.fade, state.fade_below
         if jumped or not touches.same_law(state.touches):
@@ -169,7 +168,7 @@ class HandGuiding:
         )  # fmt: skip
         return following, self._output(following, torque, hands, law, held_back)
 
-    def _unknown(self, state: GuidingState, terms: DynamicsTerms) -> tuple[GuidingState, GuidingOutput]:
+    def _unknown(self, state: GuidingState) -> tuple[GuidingState, GuidingOutput]:
         """Forget all motion while the joint state is not known: NaN, from which the next system brakes."""
         none, zero, two = np.full(self.robot.n, np.nan), np.zeros((2, 3)), np.zeros(2)
         told = GuidingPriority.NONE, GuidingStatus.SENSOR_LOST, zero, zero, zero, zero, two, two, zero
@@ -202,8 +201,7 @@ class HandGuiding:
         limits = self.points[c]
         free, fast = admittance(v_d, hands.force[c], *self._admittance[c], limits.max_speed)
         v_d_next, bounded = confine(free, p_d, centre, limits.workspace_radius, params.approach_time)
-        change = (v_d_next - v_d) / params.period
-        acceleration = change + params.k_d * (v_d - at.v_WC) + params.k_p * (p_d - at.p_WC)
+        acceleration = (v_d_next - v_d) / params.period + params.k_d * (v_d - at.v_WC) + params.k_p * (p_d - at.p_WC)
         return _Point(c, at, centre, p_d, v_d, v_d_next, acceleration, fast or bounded)
 
     def _law(self, points: list[_Point], rest: Array) -> _Law:
@@ -248,6 +246,5 @@ class HandGuiding:
             status = GuidingStatus.HOLD if now.touches.ready else GuidingStatus.WAITING
         if not hands.known:
             status = GuidingStatus.SENSOR_LOST
-        commands = torque, now.a, now.q, now.v
         told = hands.force, p, v_d, a_d, rank, lost, direction
-        return GuidingOutput(*commands, now.touches.priority, status, *told)
+        return GuidingOutput(torque, now.a, now.q, now.v, now.touches.priority, status, *told)
