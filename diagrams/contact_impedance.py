@@ -15,7 +15,6 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.messages import InteractionMode
 from saphari_drake.parameters import require_positive
-from saphari_drake.simulation.people.force_recording import read_force_recording
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.people.recorded_push import RecordedPushParameters, recorded_push
 from saphari_drake.simulation.record.log import Log
@@ -83,8 +82,7 @@ def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) ->
     pushes, recorded = aimed(scenario.pushes, scenario.seed, scenario.aim_spread), None
     if scenario.case == "recorded":
         given, push = scenario.recording, pushes[0]
-        source = read_force_recording(given.file or SYNTHETIC, index=given.index, rate=given.rate or None)
-        recorded = recorded_push(source, push.direction, given)
+        recorded = recorded_push(given.read(SYNTHETIC), push.direction, given)
         push.force, push.hold = recorded.bias, recorded.end + 0.3
     setup = build_contact(scenario, pushes, record, meshcat, recorded)
     if recorded is not None:

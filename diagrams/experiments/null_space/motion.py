@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.simulation.world.references import Reference, rest_to_rest
+from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
 
@@ -33,23 +34,28 @@ class StraightMotionParameters:
         require_non_negative(self, "start", "pause")
 
 
+def share_of_way(params: StraightMotionParameters, time: float) -> tuple[float, float, float]:
+    """Return the share of the way (0 to 1), its rate (1/s) and its second derivative (1/s²) at a time (s)."""
+    leg, T = params.travel_time + params.pause, params.travel_time
+    index, since = divmod(time - params.start, leg)
+    if time < params.start:
+        return 0.0, 0.0, 0.0
+    s, rate, second = (derivative / T**k for k, derivative in enumerate(quintic(since / T)))
+    return (s, rate, second) if index % 2 == 0 else (1.0 - s, -rate, -second)
+
+
 def straight_motion(start: RigidTransform, params: StraightMotionParameters) -> Reference:
     """Return the motion of a frame from a pose in the world along a straight line, and back, again and again.
 
     Its outputs are held over each period: `desired_pose`, abstract `RigidTransform`; `desired_velocity` and
     `desired_acceleration`, 6, [ω; v] in the world (rad/s, m/s) and its derivative. The orientation is constant.
     """
-    T, pause, origin = params.travel_time, params.pause, start.translation()
-    there = origin + np.asarray(params.displacement)
-    times = np.cumsum([0.0, T, pause, T, pause])
-    path = rest_to_rest(times, [origin, there, there, origin, origin])
 
     def at(time: float, order: int) -> Array:
-        since = max(time - params.start, 0.0) % times[-1]
-        return (path.EvalDerivative(since, order) if order else path.value(since)).ravel()
+        return share_of_way(params, time)[order] * np.asarray(params.displacement)
 
     functions = {
-        "desired_pose": lambda time: RigidTransform(start.rotation(), at(time, 0)),
+        "desired_pose": lambda time: RigidTransform(start.rotation(), start.translation() + at(time, 0)),
         "desired_velocity": lambda time: np.concatenate([np.zeros(3), at(time, 1)]),
         "desired_acceleration": lambda time: np.concatenate([np.zeros(3), at(time, 2)]),
     }

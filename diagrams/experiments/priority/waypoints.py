@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.simulation.world.references import rest_to_rest
+from saphari_drake.math.curves import quintic
 
 Array = NDArray[np.float64]
 
@@ -30,16 +30,17 @@ class WaypointPath:
     """
 
     def __init__(self, points: Sequence[ArrayLike], speed: float, dwell: float) -> None:
-        rows = np.asarray(points, dtype=float)
-        lengths = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-        if len(lengths) == 0 or lengths.min() <= 0.0 or not speed > 0.0 or not dwell >= 0.0:
+        self._points = [np.asarray(point, dtype=float) for point in points]
+        lengths = [float(np.linalg.norm(b - a)) for a, b in zip(self._points, self._points[1:])]
+        if not lengths or min(lengths) <= 0.0 or not speed > 0.0 or not dwell >= 0.0:
             raise ParameterError("waypoints", "a path needs two points that differ, a speed > 0 and a dwell ≥ 0")
-        self.arrivals: list[float] = np.cumsum(lengths / speed + dwell).tolist()
-        starts = np.array([0.0, *self.arrivals[:-1]])
-        times = np.column_stack([starts, starts + lengths / speed]).ravel()
-        self._path = rest_to_rest(times, np.column_stack([rows[:-1], rows[1:]]).reshape(len(times), -1))
-        self._velocity = self._path.MakeDerivative()
+        self._times = [length / speed for length in lengths]
+        self.arrivals = list(np.cumsum([time + dwell for time in self._times]))
 
     def __call__(self, time: float) -> tuple[Array, Array]:
         """Return position (3,) and velocity (3,) at a time."""
-        return self._path.value(time).ravel(), self._velocity.value(time).ravel()
+        leg = min(int(np.searchsorted(self.arrivals, time, side="right")), len(self._times) - 1)
+        begin, duration = (self.arrivals[leg - 1] if leg else 0.0), self._times[leg]
+        share, rate, _ = quintic((time - begin) / duration)
+        step = self._points[leg + 1] - self._points[leg]
+        return self._points[leg] + share * step, rate / duration * step

@@ -1,4 +1,4 @@
-"""What is wanted over time: signals that are functions of time, and paths that rest at points."""
+"""What is wanted over time."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
-from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
-from pydrake.trajectories import PiecewisePolynomial
 
 from saphari_drake.systems import CYCLE_OFFSET, cycle
 
@@ -75,22 +72,3 @@ class Reference(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         values = self._sample(max(context.get_time() - CYCLE_OFFSET, 0.0))
         state.get_mutable_abstract_state(int(self._held)).set_value(values)
-
-
-def rest_to_rest(times: ArrayLike, points: ArrayLike) -> PiecewisePolynomial:
-    """Return a path that is at rest at each of its points, in between a quintic (minimum jerk; Flash and Hogan 1985).
-
-    Parameters
-    ----------
-    times : (k,) array
-        When it is at each point (s), not decreasing; of points at the same time the first counts.
-    points : (k, m) array
-    """
-    at = np.asarray(times, dtype=float)
-    kept = np.diff(at, prepend=-np.inf) > 0.0
-    at, rows, pieces = at[kept], np.asarray(points, dtype=float).reshape(len(at), -1)[kept], []
-    for start, end, T in zip(rows, rows[1:], np.diff(at)):
-        shape = np.array([0.0, 0.0, 0.0, 10.0 / T**3, -15.0 / T**4, 6.0 / T**5])
-        at_start = np.outer(start, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        pieces.append(np.array([[Polynomial(c)] for c in at_start + np.outer(end - start, shape)]))
-    return PiecewisePolynomial(pieces, at)

@@ -1,4 +1,4 @@
-"""Signals that are functions of time, and paths that rest at points."""
+"""Signals that are functions of time."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from saphari_drake.simulation.world.references import Reference, rest_to_rest
+from saphari_drake.simulation.world.references import Reference
 
 
 def test_a_held_signal_is_sampled_at_the_start_of_each_cycle():
@@ -35,16 +35,3 @@ def test_abstract_values_and_clones():
     words = [system.GetOutputPort("word").Eval(c) for c in (simulator.get_context(), clone.get_context())]
     assert words == ["0.03", "0.01"]
     assert system.GetOutputPort("number").Eval(clone.get_context()) == pytest.approx(0.01)
-
-
-def test_path_is_at_rest_at_each_point():
-    """It passes the points at their times with neither speed nor acceleration; the middle of a line is its middle."""
-    times, points = [0.5, 1.5, 1.5, 2.0], np.array([[0.0, 1.0], [2.0, 0.0], [9.0, 9.0], [2.0, 4.0]])
-    path = rest_to_rest(times, points)
-    for time, point in zip([0.5, 1.5, 2.0], points[[0, 1, 3]]):
-        np.testing.assert_allclose(path.value(time).ravel(), point, atol=1e-12)
-        for order in (1, 2):
-            np.testing.assert_allclose(path.EvalDerivative(time, order), 0.0, atol=1e-8)
-    np.testing.assert_allclose(path.value(1.0).ravel(), [1.0, 0.5], atol=1e-12)
-    # The largest speed of a minimum-jerk motion is 15/8 of its mean speed.
-    np.testing.assert_allclose(path.EvalDerivative(1.0, 1).ravel(), 1.875 * np.array([2.0, -1.0]), atol=1e-12)
