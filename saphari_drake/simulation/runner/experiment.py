@@ -109,7 +109,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat, folder))
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -120,18 +120,19 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
-    if options.out is not None:
-        prepare_folder(options.out, scenario)
+    if folder is not None:
+        prepare_folder(folder, scenario)
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
+    tree = to_tree(scenario)
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
-    if options.out is not None:
-        write_outputs(options.out, outcome, to_tree(scenario), scenario.case not in experiment.seedless)
+    if folder is not None:
+        write_outputs(folder, outcome, tree, scenario.case not in experiment.seedless)
     return outcome.passed
 
 

@@ -6,7 +6,6 @@ import math
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
@@ -26,12 +25,9 @@ class RunOptions:
     ----------
     meshcat : Meshcat, optional
         Live view to publish to.
-    out : path, optional
-        Folder of this case, if files are to be written.
     """
 
     meshcat: Meshcat | None = None
-    out: Path | None = None
 
     @property
     def realtime_rate(self) -> float:
