@@ -157,7 +157,7 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
     scenarios = []
     for case in dict.fromkeys(cases):
         scenario = merged(experiment.scenario_for(case), tree)
-        if options.model is not None and hasattr(scenario, "home"):
+        if options.model is not None and hasattr(scenario, "home") and "home" not in tree:
             scenario.home = []  # the case's posture is that of the case's robot
         scenario = with_assignments(merged(scenario, given), options.set)
         if scenario.case != case:
