@@ -49,7 +49,7 @@ class Reference(LeafSystem):
             if isinstance(value, np.ndarray):
 
                 def write(context: Context, output: BasicVector, name: str = name) -> None:
-                    output.SetFromVector(self._value(context, name))
+                    output.SetFromVector(np.ravel(self._value(context, name)))
 
                 self.DeclareVectorOutputPort(name, BasicVector(value.size), write, {ticket})
                 continue

@@ -13,7 +13,7 @@ def test_a_held_signal_is_sampled_at_the_start_of_each_cycle():
     """It changes just after the nominal times of the cycle, to the value of that time; without a period it follows."""
     builder = DiagramBuilder()
     held = builder.AddSystem(Reference({"value": lambda t: [t, -t]}, 0.01))
-    free = builder.AddSystem(Reference({"value": lambda t: np.array([t])}))
+    free = builder.AddSystem(Reference({"value": lambda t: t}))
     logs = [LogVectorOutput(system.get_output_port(), builder, 0.002) for system in (held, free)]
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.1)
