@@ -1,5 +1,6 @@
 """The cell of Section 3: a simulated robot, driven by joint velocities that a predictive controller commands."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -8,13 +9,13 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, Meshcat, MeshcatVisualizer, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, OutputPort, State
 from pydrake.systems.primitives import MatrixGain
 
 from experiments.nmpc.jobs import NmpcJob
 from experiments.nmpc.watch import FLOOR, ObstacleWatch, add_obstacle_watch
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
-from saphari_drake.control.nmpc.problem import NmpcParameters
+from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import require_positive
@@ -47,13 +48,27 @@ class NmpcCellParameters:
         require_positive(self, "time_step")
 
 
+class TimedController(NmpcController):
+    """A controller that notes the wall time (s) of its steps in ``seconds``, beside the Context, for the record."""
+
+    def __init__(self, *args, **kwargs) -> None:
+        super().__init__(*args, **kwargs)
+        self.seconds: list[float] = []
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        start = time.perf_counter()
+        status = super()._update(context, state)
+        self.seconds.append(time.perf_counter() - start)
+        return status
+
+
 @dataclass
 class NmpcCell:
     """A diagram and what is needed to run and judge it."""
 
     job: NmpcJob
     params: NmpcCellParameters
-    controller: NmpcController
+    controller: TimedController
     diagram: Diagram
     recorder: Recorder  # every step of the plant
     slow_recorder: Recorder  # every control period
@@ -129,7 +144,7 @@ def build_nmpc(
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem(
-        "controller", NmpcController(robot, job.end_effector, job.points, params.controller)
+        "controller", TimedController(robot, job.end_effector, job.points, params.controller)
     )
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
     order = builder.AddNamedSystem("actuator_order", MatrixGain(np.eye(n)[robot.actuator_order]))
@@ -168,7 +183,7 @@ def build_nmpc(
     fast.add("velocity", state, "rad/s, m/s", lambda x: x[n:])
     fast.add("velocity_commanded", command, "rad/s, m/s")
     fast.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm, N")
-    for name, unit in (("status", "1"), ("solve_time", "s"), ("slack", "m"), ("min_clearance", "m")):
+    for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m")):
         slow.add(name, controller.GetOutputPort(name), unit)
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])
