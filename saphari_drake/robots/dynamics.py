@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from saphari_drake.math.tree import point_kinematics, tree_dynamics, tree_kinematics
+from saphari_drake.math.tree import TreeMotion, tree_dynamics, tree_kinematics
+from saphari_drake.math.tree_matrices import point_kinematics, world_point
 from saphari_drake.messages import Immutable
 from saphari_drake.robots.model import RobotModel
 
@@ -42,6 +43,8 @@ class DynamicsTerms(Immutable):
         Poses of the links in the world.
     S, V, A : (n, 6) arrays
         Joint axes, link velocities, and link accelerations for q̈ = 0: spatial [ω; v], at the world origin.
+    finite : bool
+        Whether the state is known; if not, all of the above is NaN.
     """
 
     q: Array
@@ -57,10 +60,24 @@ class DynamicsTerms(Immutable):
     V: Array
     A: Array
     parent: NDArray[np.int64]
+    finite: bool = True
+
+    def unknown(self) -> DynamicsTerms:
+        """Return terms of the same sizes for a state that is not known."""
+        arrays = {name: np.full_like(value, np.nan) for name, value in vars(self).items() if name not in _CONSTANTS}
+        return replace(self, finite=False, **arrays)
+
+    @property
+    def motion(self) -> TreeMotion:
+        """Poses and motion of the links, as the compiled laws take them."""
+        return TreeMotion(self.R_WL, self.p_WL, self.S, self.V, self.A, self.parent)
 
     def point(self, link: int, p_LC: Array) -> PointKinematics:
         """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
-        return PointKinematics(*point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC))
+        return PointKinematics(*point_kinematics(self.motion, link, p_LC))
+
+
+_CONSTANTS = ("parent", "finite")
 
 
 def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> DynamicsTerms:
@@ -72,17 +89,13 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
         If a state has the wrong size or is not finite.
     """
     q, v = robot.checked_vector(q, "positions"), robot.checked_vector(v, "velocities")
-    t = robot.tree
-    R_WL, p_WL, S, V, A = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
-    M, Cv, CTv, g, p = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, R_WL, p_WL, S, V, A, v)
-    return DynamicsTerms(q, v, M, Cv, CTv, g, p, R_WL, p_WL, S, V, A, t.parent)
+    motion = tree_kinematics(robot.tree, q, v)
+    return DynamicsTerms(q, v, *tree_dynamics(robot.tree, motion, v), *motion)
 
 
 def point_position(robot: RobotModel, q: Array, link: int, p_LC: Array) -> Array:
     """Return the position (3,) in the world of point p_LC of a link at joint positions `q`."""
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return np.asarray(p_WL[link] + R_WL[link] @ p_LC)
+    return np.asarray(world_point(robot.kinematics(q), link, p_LC))
 
 
 class RobotDynamics(LeafSystem):
@@ -101,12 +114,7 @@ class RobotDynamics(LeafSystem):
     -----
     position_measured : n (rad or m), from a joint sensor.
     velocity_measured : n (rad/s or m/s), from a joint sensor.
-    dynamics : abstract `DynamicsTerms` of that state.
-
-    Raises
-    ------
-    StateError
-        At evaluation, if the measured state is not finite.
+    dynamics : abstract `DynamicsTerms` of that state; not `finite` while it, or an input, is not.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -117,6 +125,7 @@ class RobotDynamics(LeafSystem):
         self._ports = position, velocity
         # Evaluated here once, which compiles the kernels before the first control step.
         initial = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        self._unknown = initial.unknown()
         self.DeclareAbstractOutputPort(
             "dynamics",
             alloc=lambda: AbstractValue.Make(initial),
@@ -125,5 +134,6 @@ class RobotDynamics(LeafSystem):
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
-        position, velocity = self._ports
-        output.set_value(evaluate_dynamics(self._robot, position.Eval(context), velocity.Eval(context)))
+        q, v = (port.Eval(context) for port in self._ports)
+        known = np.isfinite(q).all() and np.isfinite(v).all()
+        output.set_value(evaluate_dynamics(self._robot, q, v) if known else self._unknown)
