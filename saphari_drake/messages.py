@@ -170,37 +170,6 @@ class ObstaclePoints(Immutable):
     status: ObstacleStatus = ObstacleStatus.OK
 
 
-class NmpcStatus(IntEnum):
-    """What the predictive controller does, also published as a number."""
-
-    SOLVED = 0  # converged within the tolerance
-    REAL_TIME = 1  # one iteration, as asked
-    UNCONVERGED = 2  # the iteration limit came first; what is applied is clear all the same
-    SLACK = 3  # some predicted distance is below its minimum; what is applied is clear
-    BRAKING = 4  # no clear motion was found: brake
-    START_INSIDE = 5  # nearer to an obstacle than allowed already: brake, or retreat if that is wanted
-    BAD_INPUT = 6  # an input is not finite, or has a wrong size: brake
-    OBSTACLES_LOST = 7  # the source of the obstacles is lost or too old: brake
-    WAITING = 8  # no cycle yet: at rest
-
-
-@dataclass(frozen=True)
-class NmpcReference(Immutable):
-    """Desired poses of an end effector over a horizon.
-
-    Attributes
-    ----------
-    p_WE : (m, 3) array
-        Positions (m); row k is for k control periods from now. Where rows are lacking, the last one holds, so that one
-        row is a target that stays. With delay compensation, one row more than the horizon's N + 1 is used.
-    R_WE : (m, 3, 3) array
-        Orientations.
-    """
-
-    p_WE: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
-    R_WE: NDArray[np.float64] = field(default_factory=lambda: np.eye(3)[None])
-
-
 class SkinStatus(IntEnum):
     """State of a skin patch, also published as a number."""
 

@@ -16,7 +16,8 @@ from experiments.nmpc.jobs import clearance, fixed_obstacles, point_positions, p
 from experiments.nmpc.run import NmpcRun, counts, stoppable_clearance, stops, timing
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.messages import NmpcStatus, ObstaclePoints
+from saphari_drake.control.nmpc.parameters import NmpcStatus
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.motion_files import JOINTS
@@ -118,7 +119,7 @@ def made_up_run(robot, positions, obstacles, commanded=None, status=None):
     log.add("clearance", gaps)
     steps = Log(0.1 * np.arange(len(status) if status else 1))
     steps.add("status", status or [0.0])
-    steps.add("solve_time", 0.001 * np.ones(len(steps.time)))
+    steps.add("step_time", 0.001 * np.ones(len(steps.time)))
     cell = NmpcCell(job, None, None, None, None, None, None)
     return NmpcRun(cell, log, steps, 1.0)
 

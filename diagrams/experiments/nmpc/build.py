@@ -1,16 +1,17 @@
 """The cell of Section 3: a simulated robot, driven by joint velocities that a predictive controller commands."""
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort, State
 
 from experiments.nmpc.jobs import NmpcJob
 from experiments.nmpc.watch import FLOOR, ObstacleWatch, add_obstacle_watch
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
-from saphari_drake.control.nmpc.problem import NmpcParameters
+from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import RobotDynamics
@@ -39,6 +40,20 @@ class NmpcCellParameters(PlantParameters):
     watch: ObstacleWatch = field(default_factory=ObstacleWatch)
 
 
+class TimedController(NmpcController):
+    """A controller that notes the wall time (s) of its steps in ``seconds``, beside the Context, for the record."""
+
+    def __init__(self, *args, **kwargs) -> None:
+        super().__init__(*args, **kwargs)
+        self.seconds: list[float] = []
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        start = time.perf_counter()
+        status = super()._update(context, state)
+        self.seconds.append(time.perf_counter() - start)
+        return status
+
+
 @dataclass
 class NmpcCell:
     """A diagram and what is needed to run and judge it."""
@@ -46,7 +61,7 @@ class NmpcCell:
     job: NmpcJob
     params: NmpcCellParameters
     cell: Cell
-    controller: NmpcController
+    controller: TimedController
     diagram: Diagram
     recorder: Recorder  # every step of the plant
     slow_recorder: Recorder  # every control period
@@ -69,7 +84,7 @@ def build_nmpc(
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem(
-        "controller", NmpcController(robot, job.end_effector, job.points, params.controller)
+        "controller", TimedController(robot, job.end_effector, job.points, params.controller)
     )
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
     period, horizon = params.controller.period, params.controller.horizon
@@ -103,7 +118,7 @@ def build_nmpc(
     fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
     fast.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm, N")
-    for name, unit in (("status", "1"), ("solve_time", "s"), ("slack", "m"), ("min_clearance", "m")):
+    for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m")):
         slow.add(name, controller.GetOutputPort(name), unit)
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from experiments.nmpc.jobs import frame_pose, point_positions
 from experiments.nmpc.run import NmpcRun
-from saphari_drake.messages import NmpcStatus
+from saphari_drake.control.nmpc.parameters import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.view.figures import BOUND, CYCLE, STYLE, blank, legend
 from saphari_drake.simulation.view.overlays import Arrow, Marker
@@ -132,7 +132,7 @@ def _path_view(ax: Axes, run: NmpcRun, plane: tuple[int, int]) -> None:
 def _computing_time(ax: Axes, run: NmpcRun) -> None:
     """Draw the computing time of each step."""
     steps = run.steps
-    ax.semilogy(steps.time[1:], 1e3 * np.maximum(steps["solve_time"][1:, 0], 1e-6), ".", color=BLUE, markersize=3)
+    ax.semilogy(steps.time[1:], 1e3 * np.maximum(steps["step_time"][1:, 0], 1e-6), ".", color=BLUE, markersize=3)
     ax.set_title("Computing time a step [ms]", loc="left")
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.control.nmpc.problem import TestPoint
+from saphari_drake.control.nmpc.parameters import NmpcReference, TestPoint
 from saphari_drake.errors import ModelError
-from saphari_drake.messages import NmpcReference, ObstaclePoints
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 

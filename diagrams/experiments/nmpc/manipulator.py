@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from experiments.nmpc.build import NmpcCellParameters
 from experiments.nmpc.jobs import ARM_POINTS, NmpcJob, Pose, fixed_obstacles, point_positions, pose_of
 from experiments.nmpc.run import NmpcRun, counts, margins, timing
-from saphari_drake.control.nmpc.problem import NmpcParameters, TestPoint
+from saphari_drake.control.nmpc.parameters import NmpcParameters, TestPoint
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.parameters import require_positive

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from experiments.nmpc.build import NmpcCellParameters
 from experiments.nmpc.jobs import OBSTACLES, OMNIROB_POINTS, NmpcJob, Pose, fixed_obstacles, pose_of
-from saphari_drake.control.nmpc.problem import NmpcParameters
+from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.curves import quintic
 from saphari_drake.messages import ObstaclePoints

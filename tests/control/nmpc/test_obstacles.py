@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
-from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.control.nmpc.rows import distance_rows
-from saphari_drake.control.nmpc.sqp import make_scene, solve
-from saphari_drake.messages import NmpcReference, NmpcStatus, ObstaclePoints
+from saphari_drake.control.nmpc.law import solve
+from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, NmpcStatus, TestPoint
+from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.control.nmpc.rows import distance_rows, kept_distances
+from saphari_drake.messages import ObstaclePoints
 
 H = 1e-6
 RADIUS = np.array([0.0, 0.02, 0.05, 0.01, 0.03, 0.04])
@@ -21,22 +22,20 @@ def scene():
     q0, R = bench.start(problem)
     q0 = q0 + np.array([0.0, 1.2] + [0.0] * 8)
     Q = q0 + 0.05 * np.random.default_rng(0).normal(size=(10, 10))
-    p_WO, _ = problem.predict(bench.obstacles())
-    R_ref, p_ref = problem.stages(bench.reference(R, 6.0, 11))
-    return q0, Q, R_ref, p_ref, p_WO, RADIUS
+    return problem.scene(q0, bench.reference(R, 6.0, 11), bench.obstacles())._replace(radius=RADIUS), Q
 
 
 def run(scene, Q=None, case="2", **changes):
     """Return what the kernel gives for the benchmark with some parameters changed."""
     data = bench.benchmark_problem(case, **changes).data
-    q0, here, *rest = scene
-    return evaluate(data, q0, here if Q is None else Q, *rest, no_multipliers(), True, True)
+    given, here = scene
+    return evaluate(data, given, here if Q is None else Q, no_multipliers(given, 10, 10), True, True)
 
 
 def terms_20(scene, P):
     """Return F_O of (20) at every stage from 1 on, from the numbers of the benchmark alone; an extent adds to d_min."""
     d_min, c = np.array([row[3] for row in bench.POINTS]), np.array([row[4] for row in bench.POINTS])
-    d = np.linalg.norm(P[1:, :, None] - scene[4][1:, None], axis=3)
+    d = np.linalg.norm(P[1:, :, None] - scene[0].p_WO[1:, None], axis=3)
     margin = d**2 - (d_min[:, None] + RADIUS) ** 2
     assert margin.min() > NmpcParameters().barrier_guard, "the barrier is (20) itself here"
     return np.sum(c[:, None] / margin, axis=(1, 2))
@@ -45,20 +44,20 @@ def terms_20(scene, P):
 @pytest.mark.parametrize("r_O", [0.0, 1.0, 2.0, 7.5])
 def test_cost_is_20_at_every_stage_and_r_O_times_it_at_the_last(scene, r_O):
     """Eq. (18)–(21): what obstacles add to the cost."""
-    f, *_, P, _ = run(scene, r_O=r_O)
-    F = terms_20(scene, P)
-    assert f - run(scene, case="1")[0] == pytest.approx(F[:-1].sum() + r_O * F[-1], rel=1e-9)
+    at = run(scene, r_O=r_O)
+    F = terms_20(scene, at.P)
+    assert at.f - run(scene, case="1").f == pytest.approx(F[:-1].sum() + r_O * F[-1], rel=1e-9)
     assert F[-1] > 1e-2 * F.sum()
 
 
 def test_r_O_pulls_the_last_stage_alone(scene):
     """What r_O adds to the gradient is r_O times that of F_O(q_N), by central differences; to other stages nothing."""
-    g = run(scene, r_O=3.0)[1] - run(scene, r_O=0.0)[1]
+    g = run(scene, r_O=3.0).g - run(scene, r_O=0.0).g
     np.testing.assert_array_equal(g[:-1], 0.0)
     for j in range(10):
         D = np.zeros_like(scene[1])
         D[-1, j] = H
-        up, down = (terms_20(scene, run(scene, scene[1] + sign * D)[3])[-1] for sign in (1.0, -1.0))
+        up, down = (terms_20(scene, run(scene, scene[1] + sign * D).P)[-1] for sign in (1.0, -1.0))
         assert g[-1, j] == pytest.approx(3.0 * (up - down) / (2.0 * H), abs=1e-5 * np.abs(g).max())
 
 
@@ -67,26 +66,19 @@ def beside_the_wrist(robot, radius=0.0, **changes):
     points = [TestPoint("elbow", robot.link_names[3]), TestPoint("wrist", robot.link_names[5], [0.0, 0.0, 0.05])]
     values = {"horizon": 3, "tolerance": 1e-6, "between_samples": False} | changes
     problem = NmpcProblem(robot, robot.link_names[-1], points, NmpcParameters(**values))
-    q0 = problem.home + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    R, p = problem.end_effector_pose(problem.home)
-    at = last_wrist(problem, problem.home) - np.array([0.0, 0.19, 0.0])
+    q0 = problem.data.home + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    R, p = problem.end_effector_pose(problem.data.home)
+    at = bench.test_points(problem, problem.data.home)[-1] - np.array([0.0, 0.19, 0.0])
     obstacle = ObstaclePoints(at[None], np.zeros((1, 3)), np.array([radius]), 0.0)
     reference = NmpcReference(p[None], R[None])
-    return problem, make_scene(problem, q0, *problem.stages(reference), *problem.predict(obstacle))
-
-
-def last_wrist(problem, q):
-    """Return the wrist's test point in the world."""
-    R, p = problem.end_effector_pose(q)
-    none = np.zeros((2, 0, 3)), np.zeros(0), no_multipliers()
-    return evaluate(problem.data, q, q[None], R[None].repeat(2, 0), p[None].repeat(2, 0), *none, False, False)[3][1, -1]
+    return problem, problem.scene(q0, reference, obstacle)
 
 
 def distances(problem, scene):
     """Return the wrist's distance from the obstacle at stages 1 … N of the solution."""
     solution = solve(problem, scene, np.tile(scene.q0, (problem.params.horizon, 1)))
     assert solution.status == NmpcStatus.SOLVED and solution.slack == 0.0
-    return np.array([np.linalg.norm(last_wrist(problem, q) - scene.p_WO[0, 0]) for q in solution.Q])
+    return np.array([np.linalg.norm(bench.test_points(problem, q)[-1] - scene.p_WO[0, 0]) for q in solution.Q])
 
 
 def test_a_larger_r_O_ends_the_plan_farther_away(lwr4):
@@ -99,13 +91,12 @@ def test_a_larger_r_O_ends_the_plan_farther_away(lwr4):
 
 def test_rows_are_22_with_the_extent_added_to_the_distance(scene):
     """z = d² − (d_min + radius)² of every stage, point and obstacle."""
-    q0, Q, *_, p_WO, radius = scene
-    data = bench.benchmark_problem("3").data
-    *_, P, J = run(scene)
-    rows = distance_rows(data, q0, Q, P, J, p_WO, radius, np.inf, True)
+    given, Q = scene
+    data, at = bench.benchmark_problem("3").data, run(scene)
+    rows = distance_rows(data, given, Q, at, kept_distances(data, given.q0, Q, at.J), np.inf, True)
     assert len(rows.z) == 10 * 10 * 6
-    d = np.linalg.norm(P[rows.stage, rows.point] - p_WO[rows.stage, rows.obstacle], axis=1)
-    np.testing.assert_allclose(rows.z, d**2 - (data.d_min[rows.point] + radius[rows.obstacle]) ** 2, atol=1e-12)
+    d = np.linalg.norm(at.P[rows.stage, rows.point] - given.p_WO[rows.stage, rows.obstacle], axis=1)
+    np.testing.assert_allclose(rows.z, d**2 - (data.d_min[rows.point] + RADIUS[rows.obstacle]) ** 2, atol=1e-12)
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.02])
