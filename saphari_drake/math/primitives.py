@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.products import apply
 
 CAPSULE = 0
 CYLINDER = 1
@@ -101,16 +102,9 @@ def surface_point(kind: int, size, R_WS, p_WS, p_WP):
     n_W : (3,) array
         Outward unit normal there, in W.
     """
-    offset = p_WP - p_WS
-    local, surface, normal = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        local[i] = R_WS[0, i] * offset[0] + R_WS[1, i] * offset[1] + R_WS[2, i] * offset[2]
-    distance = surface_point_local(kind, size, local, surface, normal)
-    p_WN, n_W = np.empty(3), np.empty(3)
-    for i in range(3):
-        n_W[i] = R_WS[i, 0] * normal[0] + R_WS[i, 1] * normal[1] + R_WS[i, 2] * normal[2]
-        p_WN[i] = p_WS[i] + R_WS[i, 0] * surface[0] + R_WS[i, 1] * surface[1] + R_WS[i, 2] * surface[2]
-    return distance, p_WN, n_W
+    surface, normal = np.empty(3), np.empty(3)
+    distance = surface_point_local(kind, size, apply(R_WS.T, p_WP - p_WS), surface, normal)
+    return distance, p_WS + apply(R_WS, surface), apply(R_WS, normal)
 
 
 @njit(cache=True)

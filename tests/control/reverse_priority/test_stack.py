@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 from arms import states
+from hypothesis import given
+from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.control.reverse_priority import tasks
@@ -114,6 +116,25 @@ def test_without_a_finite_input_there_is_no_motion(lwr4, place, value):
     after = stack.solve(*good, 0.005)
     assert after.status != PriorityStatus.INVALID
     np.testing.assert_array_equal(after.v, before.v)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_bounds_that_contradict_one_another_are_told(lwr4, seed):
+    """Two walls with the arm behind both: status INFEASIBLE, a finite command within its limits; one wall alone: OK."""
+    rng = np.random.default_rng(seed)
+    q, task = lwr4.home + rng.uniform(-0.2, 0.2, 7), tasks.position_task(lwr4, "link_7")
+    height = tasks.plane_distance(lwr4, "link_7", rng.normal(size=3))
+    x, gap = evaluate_component(lwr4, height, q, TARGETS)[0], rng.uniform(0.02, 0.1)
+    above, below = tasks.Bound(height, lower=x + gap), tasks.Bound(height, upper=x - gap)
+    found = {}
+    for name, bounds in {"both": [above, below], "above": [above], "below": [below], "soft": []}.items():
+        levels = [bounds, task, [above, below]]
+        stack = PriorityStack(lwr4, levels)
+        result = stack.solve(q, np.zeros(7), np.zeros((1, 18)), TARGETS, 0.005)
+        found[name] = result.status
+        assert np.isfinite(result.v).all() and np.all(np.abs(result.v) <= lwr4.v_max * (1 + 1e-9))
+    assert found.pop("both") == PriorityStatus.INFEASIBLE
+    assert PriorityStatus.INFEASIBLE not in found.values()
 
 
 def test_velocity_limits_are_needed(tmp_path, lwr4):
