@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.math.products import apply
 
 CAPSULE = 0
 CYLINDER = 1
@@ -22,40 +21,55 @@ BOX = 2
 def surface_point_local(kind, size, p, surface, normal):
     """Fill `surface` and `normal` with the projection of p and its outward normal, all in S; return the distance."""
     if kind == CAPSULE:
-        radius, half = size[0], size[1]
-        axial = min(max(p[2], -half), half)
-        dz = p[2] - axial
-        rho = np.sqrt(p[0] * p[0] + p[1] * p[1] + dz * dz)
-        if rho > 1e-12:
-            normal[0], normal[1], normal[2] = p[0] / rho, p[1] / rho, dz / rho
-        else:
-            normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
-        for i in range(3):
-            surface[i] = radius * normal[i]
-        surface[2] += axial
-        return rho - radius
+        return _on_capsule(size, p, surface, normal)
     if kind == CYLINDER:
-        radius, half = size[0], size[1]
-        rho = np.hypot(p[0], p[1])
-        cx, cy = 1.0, 0.0
-        if rho > 1e-12:
-            cx, cy = p[0] / rho, p[1] / rho
-        side = -1.0 if p[2] < 0.0 else 1.0
-        a, b = rho - radius, abs(p[2]) - half
-        if a <= 0.0 and b <= 0.0:
-            if a > b:
-                surface[0], surface[1], surface[2] = radius * cx, radius * cy, p[2]
-                normal[0], normal[1], normal[2] = cx, cy, 0.0
-                return a
-            surface[0], surface[1], surface[2] = p[0], p[1], side * half
-            normal[0], normal[1], normal[2] = 0.0, 0.0, side
-            return b
-        a, b = max(a, 0.0), max(b, 0.0)
-        distance = np.hypot(a, b)
-        normal[0], normal[1], normal[2] = a / distance * cx, a / distance * cy, side * b / distance
-        for i in range(3):
-            surface[i] = p[i] - distance * normal[i]
-        return distance
+        return _on_cylinder(size, p, surface, normal)
+    return _on_box(size, p, surface, normal)
+
+
+@njit(cache=True)
+def _on_capsule(size, p, surface, normal):
+    radius, half = size[0], size[1]
+    axial = min(max(p[2], -half), half)
+    dz = p[2] - axial
+    rho = np.sqrt(p[0] * p[0] + p[1] * p[1] + dz * dz)
+    if rho > 1e-12:
+        normal[0], normal[1], normal[2] = p[0] / rho, p[1] / rho, dz / rho
+    else:
+        normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
+    for i in range(3):
+        surface[i] = radius * normal[i]
+    surface[2] += axial
+    return rho - radius
+
+
+@njit(cache=True)
+def _on_cylinder(size, p, surface, normal):
+    radius, half = size[0], size[1]
+    rho = np.hypot(p[0], p[1])
+    cx, cy = 1.0, 0.0
+    if rho > 1e-12:
+        cx, cy = p[0] / rho, p[1] / rho
+    side = -1.0 if p[2] < 0.0 else 1.0
+    a, b = rho - radius, abs(p[2]) - half
+    if a <= 0.0 and b <= 0.0:
+        if a > b:
+            surface[0], surface[1], surface[2] = radius * cx, radius * cy, p[2]
+            normal[0], normal[1], normal[2] = cx, cy, 0.0
+            return a
+        surface[0], surface[1], surface[2] = p[0], p[1], side * half
+        normal[0], normal[1], normal[2] = 0.0, 0.0, side
+        return b
+    a, b = max(a, 0.0), max(b, 0.0)
+    distance = np.hypot(a, b)
+    normal[0], normal[1], normal[2] = a / distance * cx, a / distance * cy, side * b / distance
+    for i in range(3):
+        surface[i] = p[i] - distance * normal[i]
+    return distance
+
+
+@njit(cache=True)
+def _on_box(size, p, surface, normal):
     distance = 0.0
     face, depth = 0, -np.inf
     for i in range(3):
@@ -102,9 +116,16 @@ def surface_point(kind: int, size, R_WS, p_WS, p_WP):
     n_W : (3,) array
         Outward unit normal there, in W.
     """
-    surface, normal = np.empty(3), np.empty(3)
-    distance = surface_point_local(kind, size, apply(R_WS.T, p_WP - p_WS), surface, normal)
-    return distance, p_WS + apply(R_WS, surface), apply(R_WS, normal)
+    offset = p_WP - p_WS
+    local, surface, normal = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        local[i] = R_WS[0, i] * offset[0] + R_WS[1, i] * offset[1] + R_WS[2, i] * offset[2]
+    distance = surface_point_local(kind, size, local, surface, normal)
+    p_WN, n_W = np.empty(3), np.empty(3)
+    for i in range(3):
+        n_W[i] = R_WS[i, 0] * normal[0] + R_WS[i, 1] * normal[1] + R_WS[i, 2] * normal[2]
+        p_WN[i] = p_WS[i] + R_WS[i, 0] * surface[0] + R_WS[i, 1] * surface[1] + R_WS[i, 2] * surface[2]
+    return distance, p_WN, n_W
 
 
 @njit(cache=True)
