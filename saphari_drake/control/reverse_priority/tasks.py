@@ -178,11 +178,6 @@ class ScalarTask:
     def __post_init__(self) -> None:
         require_non_negative(self, "gain")
 
-    @property
-    def name(self) -> str:
-        """Name of the component."""
-        return self.component.name
-
     def rows(self) -> list[tuple[Component, int, int]]:
         """Return the component, and where in the reference its desired value and velocity are."""
         return [(self.component, 0, 1)]
