@@ -89,9 +89,8 @@ class ReversePriorityController(LeafSystem):
 
     From the lowest level up, each adds the step of (24) in its regularised form; the velocity below all of them is
     λ times the command before, eq. (27), which is the only state. The velocity limits scale what the tasks ask for,
-    never single joints, and the hard constraints are put on after that. They hold as long as status is not LIMITED;
-    between two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds
-    that margin.
+    never single joints, and the hard constraints are put on after that. They hold while status is OK or SCALED; between
+    two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds that margin.
     """
 
     def __init__(
