@@ -45,7 +45,7 @@ def test_one_row_changes_the_velocity_by_its_activation_times_its_excess():
         x = np.array([rng.uniform(-0.05, 0.0)])
         zero, after, h = np.zeros(1), v.copy(), np.zeros(1)
         buffer, settings = np.array([0.05]), Settings(np.full(7, 1e9), 1e-6, 0.1, 1.0)
-        constraint_step(L, Rows(J, x, zero, zero, zero, zero, buffer, buffer), settings, after, h)
+        constraint_step(L, Rows(J, x, zero, zero, zero, buffer, buffer), settings, after, h)
         excess = max(float(J[0] @ v), 0.0)
         step = np.linalg.solve(W, J[0]) / (J[0] @ np.linalg.solve(W, J[0]))
         np.testing.assert_allclose(after, v - h * excess * step, atol=1e-6)
