@@ -10,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteStateIndex, EventStatus, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.perception.wrench.tool import ToolParameters, sensor_mount, tool_wrench
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -44,8 +44,7 @@ class WristWrenchParameters:
     def __post_init__(self) -> None:
         require_positive(self, "period")
         require_non_negative(self, "tare_samples")
-        if np.shape(self.tip_point) != (3,) or not np.all(np.isfinite(self.tip_point)):
-            raise ParameterError("tip_point", f"needs three finite numbers, got {self.tip_point}")
+        require_vector(self, 3, "tip_point")
 
 
 class _Wrench(NamedTuple):
