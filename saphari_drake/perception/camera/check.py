@@ -14,7 +14,6 @@ from pydrake.math import RigidTransform, RotationMatrix
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.parameters import require_positive
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
 from saphari_drake.perception.camera.open3d_import import import_open3d
@@ -145,9 +144,8 @@ def check_camera(
 
 
 def _shapes_at(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return robot.shapes.in_world(R_WL, p_WL)
+    motion = robot.kinematics(q)
+    return robot.shapes.in_world(motion.R_WL, motion.p_WL)
 
 
 def _readings(camera: CameraParameters, image: Depth, params: CameraCheckParameters) -> Array:

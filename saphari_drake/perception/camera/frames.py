@@ -10,7 +10,6 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.robots.model import RobotModel
 
@@ -55,6 +54,5 @@ def posture_at(postures: Sequence[tuple[float, Array]], time: float) -> Array:
 
 def link_poses(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return R_WL (n, 3, 3) and p_WL (n, 3) of all links at joint positions `q` (n,)."""
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-    return R_WL, p_WL
+    motion = robot.kinematics(q)
+    return motion.R_WL, motion.p_WL

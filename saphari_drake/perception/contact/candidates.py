@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import BOX, CAPSULE, nearest_surface_point, surface_point
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.shapes import LinkShapes
 
@@ -123,12 +122,12 @@ def _ever_free(
     robot: RobotModel, own: NDArray[np.int64], link: NDArray[np.int64], p_L: Array, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Return which points lie outside all other shapes in at least one of some random postures."""
-    t, shapes = robot.tree, robot.shapes
+    shapes = robot.shapes
     low, high = np.maximum(robot.q_min, -np.pi), np.minimum(robot.q_max, np.pi)
     free = np.zeros(len(p_L), dtype=bool)
     for k in range(12):
         q = robot.home if k == 0 else rng.uniform(low, high)
-        R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
+        R_WL, p_WL, *_ = robot.kinematics(q)
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
         _add_free(shapes.kind, shapes.size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free)
     return free

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.friction_cone import tangents
-from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.math.tree import TreeMotion
+from saphari_drake.math.tree_matrices import point_kinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -29,8 +30,7 @@ class Instant(NamedTuple):
 
 def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
     """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
-    t = robot.tree
-    R_WL, p_WL, S, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
+    R_WL, p_WL, S, *_ = robot.kinematics(q)
     return Instant(stamp, S, R_WL, p_WL, r)
 
 
@@ -61,7 +61,7 @@ def corrected_point(
         Square root of the minimum: how many deviations residual and seen point are apart.
     """
     n, zero = robot.n, np.zeros((robot.n, 6))
-    J = point_kinematics(robot.tree.parent, at.S, zero, zero, at.R_WL, at.p_WL, link, p_L)[2]
+    J = point_kinematics(TreeMotion(at.R_WL, at.p_WL, at.S, zero, zero, robot.tree.parent), link, p_L)[2]
     T = np.empty((2, 3))
     tangents(at.R_WL[link] @ n_L, T[0], T[1])
     moves = np.zeros(n, dtype=bool)

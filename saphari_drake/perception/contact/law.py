@@ -19,7 +19,8 @@ from itertools import combinations
 import numpy as np
 
 from saphari_drake.math.friction_cone import expected_forces_in_cones, force_in_cone
-from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.math.tree import TreeMotion
+from saphari_drake.math.tree_matrices import point_kinematics
 from saphari_drake.perception.contact import evidence as kernels
 from saphari_drake.perception.contact.candidates import inner_sizes, smooth_normal, surface_candidates
 from saphari_drake.perception.contact.refinement import refine_all
@@ -82,10 +83,8 @@ class ContactFusionLaw:
 
         An image in which less than the share `least_seen` of the robot has readings counts as none.
         """
-        t, p, c = self.robot.tree, self.params, self.candidates
-        R_WL, p_WL, S, *_ = tree_kinematics(
-            t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(self.robot.n)
-        )
+        p, c = self.params, self.candidates
+        R_WL, p_WL, S, *_ = self.robot.kinematics(q)
         found, used = [], list(images)
         shares: dict[int, float] = {}
         for k, depth in enumerate(images):
@@ -104,7 +103,7 @@ class ContactFusionLaw:
             return Evidence(S, R_WL, p_WL, r, nothing, nothing, nothing, seen, points, shares)
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, R_WL, p_WL)
         misfit, spread = kernels.residual_costs(
-            t.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing
+            self.robot.tree.parent, S, c.link, x, a, r, p.torque_sigma, p.force_scale, p.friction, 0.4 * c.spacing
         )
         vision_cost = self._vision_cost(x, a, used, points)
         return Evidence(S, R_WL, p_WL, r, misfit, spread, vision_cost, seen, points, shares)
@@ -222,9 +221,9 @@ class ContactFusionLaw:
         ]
 
     def _jacobian(self, memory: FusionMemory, mode: Mode) -> Array:
-        t, zero = self.robot.tree, np.zeros((self.robot.n, 6))
-        R_WL, p_WL = memory.R_WL[-1], memory.p_WL[-1]
-        return point_kinematics(t.parent, memory.S[-1], zero, zero, R_WL, p_WL, mode.link, mode.p_L)[2]
+        zero = np.zeros((self.robot.n, 6))
+        motion = TreeMotion(memory.R_WL[-1], memory.p_WL[-1], memory.S[-1], zero, zero, self.robot.tree.parent)
+        return point_kinematics(motion, mode.link, mode.p_L)[2]
 
     def _forces(self, memory: FusionMemory, modes: list[Mode]) -> Array:
         p, r = self.params, memory.r[-1]
