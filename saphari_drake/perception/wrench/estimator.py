@@ -152,13 +152,13 @@ class WristWrenchEstimator(LeafSystem):
         return reading - tool_wrench(self.tool, R_WS, self._g_W, rates), R_WS
 
     def _evaluate(self, context: Context) -> _Wrench:
+        w, R_WS = self._unloaded(context)
+        if not np.isfinite(w).all():
+            return _Wrench(w, w, WrenchStatus.BAD_INPUT)
         if self._taken(context, self._left)[0] > 0.0:
             return _Wrench(np.zeros(6), np.zeros(6), WrenchStatus.TARING)
-        w, R_WS = self._unloaded(context)
         w = w - self._taken(context, self._bias)
         at_tip = np.concatenate([R_WS @ (w[:3] - np.cross(self._p_ST, w[3:])), R_WS @ w[3:]])
-        if not np.isfinite(at_tip).all():
-            return _Wrench(np.full(6, np.nan), np.full(6, np.nan), WrenchStatus.BAD_INPUT)
         return _Wrench(at_tip, w, WrenchStatus.OK)
 
     def _take_bias(self, context: Context, state: State) -> EventStatus:
