@@ -23,7 +23,7 @@ class WrenchStatus(IntEnum):
     """What is known of the wrench, also published as a number."""
 
     OK = 0
-    TARING = 1  # the bias is being taken: the wrench is told as zero
+    TARING = 1  # the bias is being taken, or the first sample for it awaited: the wrench is told as zero
     BAD_INPUT = 2  # an input is not finite: the wrench is not known, NaN
 
 
@@ -153,9 +153,10 @@ class WristWrenchEstimator(LeafSystem):
 
     def _evaluate(self, context: Context) -> _Wrench:
         w, R_WS = self._unloaded(context)
-        if not np.isfinite(w).all():
+        left = self._taken(context, self._left)[0]
+        if not np.isfinite(w).all() and not 0.0 < left == self._params.tare_samples:
             return _Wrench(w, w, WrenchStatus.BAD_INPUT)
-        if self._taken(context, self._left)[0] > 0.0:
+        if left > 0.0:
             return _Wrench(np.zeros(6), np.zeros(6), WrenchStatus.TARING)
         w = w - self._taken(context, self._bias)
         at_tip = np.concatenate([R_WS @ (w[:3] - np.cross(self._p_ST, w[3:])), R_WS @ w[3:]])

@@ -191,6 +191,7 @@ def test_what_is_not_finite_is_told_and_leaves_nothing_behind(robot, port, lasti
     bench = Bench(wrist, **good)
     bench.run(2)
     assert bench.read("status") == WrenchStatus.TARING
+    np.testing.assert_array_equal(bench.read("wrench_measured"), 0.0)
     bench.run(50 if lasting else 2, **{port: broken})
     assert bench.read("status") == WrenchStatus.BAD_INPUT
     bench.run(2, **good)
