@@ -27,6 +27,14 @@ def require_non_negative(params: object, *names: str) -> None:
             raise ParameterError(name, f"must not be negative, got {getattr(params, name)}")
 
 
+def require_vector(params: object, size: int, *names: str) -> None:
+    """Demand `size` finite numbers in the named fields."""
+    for name in names:
+        value = np.asarray(getattr(params, name), dtype=float)
+        if value.shape != (size,) or not np.all(np.isfinite(value)):
+            raise ParameterError(name, f"needs {size} finite numbers, got {getattr(params, name)}")
+
+
 def require_choice(params: object, name: str, choices: tuple[str, ...]) -> None:
     """Demand one of `choices` in the named field."""
     if getattr(params, name) not in choices:

@@ -3,8 +3,6 @@
 Compiled, without BLAS; all arrays are float64 and contiguous.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
