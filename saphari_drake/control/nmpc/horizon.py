@@ -215,14 +215,14 @@ def _pose_cost(data, scene, k, at, term, exact, g, H):
     if H.shape[0] > 0:
         jacobian(data, at, link, x)
         _add_term(data, at, link, term, exact, g, H[0])
-        _add_turn(data, at, R_ref, Q_e[3:], eta, eps, exact, g, H[0])
+        _add_turn(data, at, R_ref, Q_e[3:], (eta, eps), exact, g, H[0])
     return value
 
 
 @njit(cache=True, inline="always")
-def _add_turn(data, at, R_ref, Q, eta, eps, exact, g, H):
+def _add_turn(data, at, R_ref, Q, quaternion, exact, g, H):
     """Add gradient and Hessian of 4 εᵀQε: with a_j = R_refᵀω_j, ∂ε = ½(η a + a × ε) and ∂η = −½ a·ε."""
-    n, link, R = g.shape[0], data.link_E, at.R
+    n, link, R, (eta, eps) = g.shape[0], data.link_E, at.R, quaternion
     a, E, bend, We = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), 4.0 * Q * eps
     for c in range(data.depth[link]):
         j = data.chain[link, c]
