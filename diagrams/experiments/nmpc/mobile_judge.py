@@ -10,7 +10,7 @@ from experiments.nmpc.mobile import MobileParameters, controller_for
 from experiments.nmpc.run import NmpcRun, counts, known_obstacles, margins, stoppable_clearance, timing
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.messages import ObstaclePoints
+from saphari_drake.messages import ObstaclePoints, ObstacleStatus
 from saphari_drake.simulation.runner.results import Metric
 
 REPORTED = {"1": "< 20 ms", "2": "slightly above case 1", "3": "< 80 ms"}
@@ -39,8 +39,8 @@ def judge_mobile(run: NmpcRun, params: MobileParameters, case: str) -> list[Metr
             Metric("min_clearance_stoppable_m", stoppable_clearance(run, params.reaction), "m", low=0.0),
             Metric("path_end_error_m", error[-1], "m"),
             *_known(run),
-            Metric("obstacles_held_share", float(np.mean(run.steps["obstacle_status"] == 1)), "1"),
-            Metric("obstacles_lost_share", float(np.mean(run.steps["obstacle_status"] == 2)), "1"),
+            Metric("obstacles_held_share", float(np.mean(run.steps["obstacle_status"] == ObstacleStatus.HELD)), "1"),
+            Metric("obstacles_lost_share", float(np.mean(run.steps["obstacle_status"] == ObstacleStatus.LOST)), "1"),
         ]
     return [*metrics, *counts(run), *timing(run, REPORTED.get(case, "")), *margins(run)]
 

@@ -1,5 +1,7 @@
 """Cost of a whole prediction horizon with its derivatives in one compiled pass, eq. (15)–(21).
 
+What is called for every point is inlined, with arrays by name: passing them on costs more than the sums.
+
 The decision variables are the joint positions q_1 … q_N; v_k = (q_{k+1} − q_k)/T_s. The Hessian is block tridiagonal:
 its blocks off the diagonal are −2Q_v/T_s² and constant, so that only those on the diagonal are evaluated.
 
@@ -13,21 +15,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.nmpc.kinematics import (
-    compose,
-    cross,
-    dot,
-    empty_frames,
-    forward,
-    jacobian,
-    place,
-    relative_quaternion,
-)
-
-Array = NDArray[np.float64]
+from saphari_drake.control.nmpc.data import Array
+from saphari_drake.control.nmpc.kinematics import compose, empty_frames, forward, jacobian, place, relative_quaternion
 
 # What keeps the Hessian definite across active rows, in multiples of their curvature; see `evaluate`.
 STIFFENING = 10.0
@@ -110,71 +101,84 @@ class PointTerm(NamedTuple):
     bend: Array  # (n, 3), G × ω, to fill
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _add_term(data, at, link, term, exact, g, H):
     """Add JᵀF to g, and JᵀSJ + Σ G·∂²p to the upper triangle of H if there is one, by ``at.J`` of the point."""
-    J, S, bend = at.J, term.S, term.bend
+    R, J, (F, G, S, bend), chain, revolute = at.R, at.J, term, data.chain, data.revolute
     for a in range(data.depth[link]):
-        j = data.chain[link, a]
-        g[j] += dot(term.F, J[a])
-        bend[a] = 0.0
-        if exact and data.revolute[j]:
-            cross(term.G, at.R[j, :, 2], bend[a])
-        t0, t1, t2 = dot(S[0], J[a]), dot(S[1], J[a]), dot(S[2], J[a])
+        j = chain[link, a]
+        x, y, z = J[a, 0], J[a, 1], J[a, 2]
+        g[j] += F[0] * x + F[1] * y + F[2] * z
+        wx, wy, wz = R[j, 0, 2], R[j, 1, 2], R[j, 2, 2]
+        turns = 1.0 if exact and revolute[j] else 0.0
+        bend[a, 0] = turns * (G[1] * wz - G[2] * wy)
+        bend[a, 1] = turns * (G[2] * wx - G[0] * wz)
+        bend[a, 2] = turns * (G[0] * wy - G[1] * wx)
+        t0 = S[0, 0] * x + S[0, 1] * y + S[0, 2] * z
+        t1 = S[1, 0] * x + S[1, 1] * y + S[1, 2] * z
+        t2 = S[2, 0] * x + S[2, 1] * y + S[2, 2] * z
         for b in range(a + 1):
-            bent = dot(bend[b], J[a])
-            H[data.chain[link, b], j] += t0 * J[b, 0] + t1 * J[b, 1] + t2 * J[b, 2] + bent
+            curved = bend[b, 0] * x + bend[b, 1] * y + bend[b, 2] * z
+            H[chain[link, b], j] += t0 * J[b, 0] + t1 * J[b, 1] + t2 * J[b, 2] + curved
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _motion_cost(data, q0, Q, k, g, H):
     """Add the terms (15), (16) of stage k: (q_k − q_{k−1})ᵀQ_v(…)/T_s² and (q_k − h)ᵀQ_q(…), or R_q at the last."""
     last = k == Q.shape[0]
-    Q_q = data.R_q if last else data.Q_q
-    f = 0.0
+    Q_q, Q_v, home, rate, f = data.R_q if last else data.Q_q, data.Q_v, data.home, 1.0 / data.period**2, 0.0
     for j in range(Q.shape[1]):
-        Q_v = data.Q_v[j] / data.period**2
+        v = Q_v[j] * rate
         step = Q[k - 1, j] - (Q[k - 2, j] if k > 1 else q0[j])
-        off = Q[k - 1, j] - data.home[j]
-        f += Q_v * step * step + Q_q[j] * off * off
-        g[k - 1, j] += 2.0 * Q_v * step + 2.0 * Q_q[j] * off
+        off = Q[k - 1, j] - home[j]
+        f += v * step * step + Q_q[j] * off * off
+        g[k - 1, j] += 2.0 * v * step + 2.0 * Q_q[j] * off
         if k > 1:
-            g[k - 2, j] -= 2.0 * Q_v * step
+            g[k - 2, j] -= 2.0 * v * step
         if H.shape[0] > 0:
-            H[k - 1, j, j] += (2.0 if last else 4.0) * Q_v + 2.0 * Q_q[j]
+            H[k - 1, j, j] += (2.0 if last else 4.0) * v + 2.0 * Q_q[j]
     return f
 
 
-@njit(cache=True)
-def _obstacle_cost(data, scene, k, i, x, multipliers, exact, term):
-    """Fill the term of point i at x: Σ c_i/(d² − d_min²), (20), and −λ(d² − d_min²); return its cost, and if it bends.
+@njit(cache=True, inline="always")
+def _obstacle_cost(data, scene, k, i, p, multipliers, exact, term):
+    """Fill the term of point i at p: Σ c_i/(d² − d_min²), (20), and −λ(d² − d_min²); return its cost, and if it bends.
 
     In Gauss–Newton form the Hessian leaves out what the slope of the barrier makes negative.
     """
     F, G, S, _ = term
-    F[:], G[:], S[:], slope, value = 0.0, 0.0, 0.0, 0.0, 0.0
-    bent, d = data.cost_on, np.empty(3)
-    c = data.c[i] * (data.r_O if k == scene.p_WO.shape[0] - 1 else 1.0)
-    for o in range(scene.radius.shape[0]):
+    for r in range(3):
+        F[r] = G[r] = S[r, 0] = S[r, 1] = S[r, 2] = 0.0
+    p_WO, radius, cost_on, d_min, guard = scene.p_WO, scene.radius, data.cost_on, data.d_min[i], data.guard
+    bent, slope, value = cost_on, 0.0, 0.0
+    c = data.c[i] * (data.r_O if k == p_WO.shape[0] - 1 else 1.0)
+    for o in range(radius.shape[0]):
         lam = 2.0 * multipliers[k, i, o] if exact else 0.0
-        if not data.cost_on and lam == 0.0:
+        if not cost_on and lam == 0.0:
             continue
-        for r in range(3):
-            d[r] = x[r] - scene.p_WO[k, o, r]
-        d2, kept, u, v = dot(d, d), data.d_min[i] + scene.radius[o], 0.0, 0.0
-        if data.cost_on:
-            psi, psi1, psi2 = barrier(d2 - kept * kept, data.guard)
+        x, y, z = p[0] - p_WO[k, o, 0], p[1] - p_WO[k, o, 1], p[2] - p_WO[k, o, 2]
+        d2, kept, u, v = x * x + y * y + z * z, d_min + radius[o], 0.0, 0.0
+        if cost_on:
+            psi, psi1, psi2 = barrier(d2 - kept * kept, guard)
             value += c * psi
             u, v = 2.0 * c * psi1, 4.0 * c * psi2
         bent, w = True, u - lam
         if lam > 0.0:
             v += STIFFENING * lam / d2
         slope += w
-        for r in range(3):
-            F[r] += u * d[r]
-            G[r] += w * d[r]
-            for s in range(3):
-                S[r, s] += v * d[r] * d[s]
+        F[0] += u * x
+        F[1] += u * y
+        F[2] += u * z
+        G[0] += w * x
+        G[1] += w * y
+        G[2] += w * z
+        S[0, 0] += v * x * x
+        S[0, 1] += v * x * y
+        S[0, 2] += v * x * z
+        S[1, 1] += v * y * y
+        S[1, 2] += v * y * z
+        S[2, 2] += v * z * z
+    S[1, 0], S[2, 0], S[2, 1] = S[0, 1], S[0, 2], S[1, 2]
     if exact:
         for r in range(3):
             S[r, r] += slope
@@ -192,7 +196,7 @@ def barrier(s, guard):
     return inv * (1.0 - t + t * t), inv * inv * (2.0 * t - 1.0), 2.0 * inv * inv * inv
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _pose_cost(data, scene, k, at, term, exact, g, H):
     """Add eᵀQ_e e, (17), with e the position error and twice the vector part of the quaternion of R_refᵀR."""
     F, G, S, _ = term
@@ -202,8 +206,8 @@ def _pose_cost(data, scene, k, at, term, exact, g, H):
     place(at.R[link], at.p[link], data.p_ME, x)
     compose(at.R[link], data.R_ME, R_WE)
     eta = relative_quaternion(R_ref, R_WE, eps)
-    S[:] = 0.0
     for r in range(3):
+        S[r, 0] = S[r, 1] = S[r, 2] = 0.0
         error = x[r] - scene.p_ref[k, r]
         value += Q_e[r] * error * error + 4.0 * Q_e[3 + r] * eps[r] * eps[r]
         F[r] = G[r] = 2.0 * Q_e[r] * error
@@ -211,29 +215,32 @@ def _pose_cost(data, scene, k, at, term, exact, g, H):
     if H.shape[0] > 0:
         jacobian(data, at, link, x)
         _add_term(data, at, link, term, exact, g, H[0])
-        _add_turn(data, at, R_ref, Q_e[3:], eta, eps, exact, g, H[0])
+        _add_turn(data, at, R_ref, Q_e[3:], (eta, eps), exact, g, H[0])
     return value
 
 
-@njit(cache=True)
-def _add_turn(data, at, R_ref, Q, eta, eps, exact, g, H):
+@njit(cache=True, inline="always")
+def _add_turn(data, at, R_ref, Q, quaternion, exact, g, H):
     """Add gradient and Hessian of 4 εᵀQε: with a_j = R_refᵀω_j, ∂ε = ½(η a + a × ε) and ∂η = −½ a·ε."""
-    n, link = g.shape[0], data.link_E
+    n, link, R, (eta, eps) = g.shape[0], data.link_E, at.R, quaternion
     a, E, bend, We = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), 4.0 * Q * eps
     for c in range(data.depth[link]):
         j = data.chain[link, c]
         if not data.revolute[j]:
             continue
         for r in range(3):
-            a[c, r] = dot(R_ref[:, r], at.R[j, :, 2])
-        cross(a[c], eps, E[c])
-        for r in range(3):
-            E[c, r] = 0.5 * (eta * a[c, r] + E[c, r])
-        cross(We, a[c], bend[c])
-        d_eta = -0.5 * dot(a[c], eps)
-        g[j] += 2.0 * dot(We, E[c])
+            a[c, r] = R_ref[0, r] * R[j, 0, 2] + R_ref[1, r] * R[j, 1, 2] + R_ref[2, r] * R[j, 2, 2]
+        x, y, z = a[c, 0], a[c, 1], a[c, 2]
+        E[c, 0] = 0.5 * (eta * x + y * eps[2] - z * eps[1])
+        E[c, 1] = 0.5 * (eta * y + z * eps[0] - x * eps[2])
+        E[c, 2] = 0.5 * (eta * z + x * eps[1] - y * eps[0])
+        bend[c, 0], bend[c, 1], bend[c, 2] = We[1] * z - We[2] * y, We[2] * x - We[0] * z, We[0] * y - We[1] * x
+        d_eta = -0.5 * (x * eps[0] + y * eps[1] + z * eps[2])
+        g[j] += 2.0 * (We[0] * E[c, 0] + We[1] * E[c, 1] + We[2] * E[c, 2])
         for b in range(c + 1):
-            h = 8.0 * (Q[0] * E[c, 0] * E[b, 0] + Q[1] * E[c, 1] * E[b, 1] + Q[2] * E[c, 2] * E[b, 2])
-            if exact:
-                h += dot(bend[b], E[c]) + d_eta * dot(We, a[b])
+            h = 0.0
+            for r in range(3):
+                h += 8.0 * Q[r] * E[c, r] * E[b, r]
+                if exact:
+                    h += bend[b, r] * E[c, r] + d_eta * We[r] * a[b, r]
             H[data.chain[link, b], j] += h

@@ -35,15 +35,7 @@ def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
-def cross(a, b, out):
-    """Write a × b of (3,) arrays."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def compose(A, B, out):
     """Write A B of (3, 3) arrays."""
     for r in range(3):
@@ -51,25 +43,31 @@ def compose(A, B, out):
             out[r, s] = A[r, 0] * B[0, s] + A[r, 1] * B[1, s] + A[r, 2] * B[2, s]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place(R, p, x, out):
     """Write R x + p."""
     for r in range(3):
         out[r] = p[r] + R[r, 0] * x[0] + R[r, 1] * x[1] + R[r, 2] * x[2]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def forward(data, q, at):
     """Fill the poses of the joint frames at positions q (n,)."""
-    R, p = at.R, at.p
+    R, p, R_PM, p_PM, parent, revolute = at.R, at.p, data.R_PM, data.p_PM, data.parent, data.revolute
     for j in range(q.shape[0]):
-        k = data.parent[j]
-        if k < 0:
-            R[j], p[j] = data.R_PM[j], data.p_PM[j]
-        else:
-            compose(R[k], data.R_PM[j], R[j])
-            place(R[k], p[k], data.p_PM[j], p[j])
-        if data.revolute[j]:
+        k = parent[j]
+        for r in range(3):
+            if k < 0:
+                x, y, z = R_PM[j, r, 0], R_PM[j, r, 1], R_PM[j, r, 2]
+                p[j, r] = p_PM[j, r]
+            else:
+                e0, e1, e2 = R[k, r, 0], R[k, r, 1], R[k, r, 2]
+                x = e0 * R_PM[j, 0, 0] + e1 * R_PM[j, 1, 0] + e2 * R_PM[j, 2, 0]
+                y = e0 * R_PM[j, 0, 1] + e1 * R_PM[j, 1, 1] + e2 * R_PM[j, 2, 1]
+                z = e0 * R_PM[j, 0, 2] + e1 * R_PM[j, 1, 2] + e2 * R_PM[j, 2, 2]
+                p[j, r] = p[k, r] + e0 * p_PM[j, 0] + e1 * p_PM[j, 1] + e2 * p_PM[j, 2]
+            R[j, r, 0], R[j, r, 1], R[j, r, 2] = x, y, z
+        if revolute[j]:
             s, c = np.sin(q[j]), np.cos(q[j])
             for r in range(3):
                 x, y = R[j, r, 0], R[j, r, 1]
@@ -79,14 +77,14 @@ def forward(data, q, at):
                 p[j, r] += q[j] * R[j, r, 2]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def jacobian(data, at, link, x):
     """Fill the columns of the Jacobian of point `x` (world) of a link."""
-    R, p, J = at
+    (R, p, J), chain, revolute = at, data.chain, data.revolute
     for a in range(data.depth[link]):
-        j = data.chain[link, a]
+        j = chain[link, a]
         wx, wy, wz = R[j, 0, 2], R[j, 1, 2], R[j, 2, 2]
-        if data.revolute[j]:
+        if revolute[j]:
             dx, dy, dz = x[0] - p[j, 0], x[1] - p[j, 1], x[2] - p[j, 2]
             J[a, 0], J[a, 1], J[a, 2] = wy * dz - wz * dy, wz * dx - wx * dz, wx * dy - wy * dx
         else:

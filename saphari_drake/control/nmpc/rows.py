@@ -182,15 +182,16 @@ def distance_rows(data, scene, Q, at, kept, step, everything):
 def violation(data, scene, P, kept):
     """Return Σ max(0, −z) over all rows (22), for points P (N + 1, points, 3) and `kept_distances`."""
     total, a, b = 0.0, np.empty(3), np.empty(3)
+    p_WO, radius, swept = scene.p_WO, scene.radius, data.swept
     if not data.rows_on:
         return total
     for k in range(1, P.shape[0]):
         for i in range(P.shape[1]):
-            for o in range(scene.radius.shape[0]):
+            for o in range(radius.shape[0]):
                 for r in range(3):
-                    a[r] = P[k - 1, i, r] - scene.p_WO[k - 1, o, r]
-                    b[r] = P[k, i, r] - scene.p_WO[k, o, r]
-                total += max(0.0, -clearance(a, b, kept[k, i] + scene.radius[o], k, data.swept)[0])
+                    a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
+                    b[r] = P[k, i, r] - p_WO[k, o, r]
+                total += max(0.0, -clearance(a, b, kept[k, i] + radius[o], k, swept)[0])
     return total
 
 

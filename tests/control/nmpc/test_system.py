@@ -144,6 +144,21 @@ def test_bad_input_brakes_within_the_limits(lwr4, fault, status):
     np.testing.assert_array_equal(memory.command, 0.0)
 
 
+@pytest.mark.parametrize("mode", ["converged", "real_time"])
+@pytest.mark.parametrize("solver", ["active_set", "daqp"])
+def test_a_problem_without_solution_brakes(lwr4, solver, mode):
+    """A solver that finds none is told, and what it leaves behind is never applied."""
+    problem = arm_problem(lwr4, acceleration_max=[2.0], solver=solver, mode=mode)
+    goal = target(problem, lwr4.home + 0.5)
+    ways, memories, _ = closed_loop(problem, lwr4.home, goal, ObstaclePoints(), 3, check=False)
+    problem.data = problem.data._replace(v_max=-problem.data.v_max)
+    after = nmpc_step(problem, memories[-1], ways[-1], goal, ObstaclePoints(), 0.0)
+    assert after.status == NmpcStatus.UNSOLVED
+    slower = brake(memories[-1].command, problem.a_max, problem.params.period)
+    assert np.abs(slower).max() > 0.1
+    np.testing.assert_array_equal(after.command, slower)
+
+
 def test_no_obstacles_are_no_fault(lwr4):
     """An empty port is a free cell."""
     problem = arm_problem(lwr4)

@@ -101,8 +101,8 @@ def factorize(H, off, L, B):
     for k in range(N):
         A = L[k]
         for i in range(n):
-            A[i, : i + 1] = H[k, i, : i + 1]
-            A[i, i + 1 :] = 0.0
+            for j in range(n):
+                A[i, j] = H[k, i, j] if j <= i else 0.0
         if k > 0:
             _eliminate(off, L[k - 1], B[k], A)
         for j in range(n):
@@ -121,12 +121,13 @@ def factorize(H, off, L, B):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _eliminate(off, before, C, A):
     """Write C = −diag(off) L_{k−1}⁻ᵀ, whose row i starts at column i, and subtract C Cᵀ from A."""
     n = off.shape[0]
     for i in range(n):
-        C[i, :i] = 0.0
+        for j in range(i):
+            C[i, j] = 0.0
         C[i, i] = -off[i] / before[i, i]
         for j in range(i + 1, n):
             total = 0.0
