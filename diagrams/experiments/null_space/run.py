@@ -15,8 +15,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.contact.run import load_robot
+from experiments.null_space.cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.errors import ParameterError
-from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
@@ -85,7 +85,7 @@ class Run:
 
     def task_forces(self) -> tuple[Array, Array, Array]:
         """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
-        log, controller, robot = self.log, self.setup.parts.controller, self.setup.robot
+        log, controller, robot = self.log, self.setup.parts.pipeline.controller, self.setup.robot
         rows: list[list[Array]] = [[], [], []]
         torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
         for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
@@ -113,14 +113,14 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     builder = DiagramBuilder()
     parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
-        start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
-            builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
+            builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
     recorder, fast = _record(builder, parts), Recorder(builder, scenario.system.cell.time_step)
     fast.add("velocity", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
-    fast.add("torque_excess", parts.controller.GetOutputPort("torque_excess"), "Nm")
+    fast.add("torque_excess", parts.pipeline.limit.GetOutputPort("torque_excess"), "Nm")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
@@ -140,17 +140,19 @@ def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
 
 
 def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
-    recorder, cell = Recorder(builder, RECORD_PERIOD), parts.cell
+    recorder, cell, p = Recorder(builder, RECORD_PERIOD), parts.cell, parts.pipeline
     n, num_positions = cell.robot.n, cell.plant.num_positions()
     recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
     recorder.add("contact_torque", cell.contact_torque, "Nm")
     recorder.add("contact", cell.plant.get_contact_results_output_port(), "N, m", contact_on_robot, 6)
-    recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
-    recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
-    for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
-        recorder.add(name, parts.controller.GetOutputPort(name), unit)
+    recorder.add("residual", p.momentum.GetOutputPort("torque_external"), "Nm")
+    recorder.add("torque_estimated", p.disturbance.GetOutputPort("torque_external"), "Nm", lambda torque: -torque)
+    recorder.add("torque_commanded", p.torque_output, "Nm")
+    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    for name, unit in (("task_error", "m"), ("yielding", "1")):
+        recorder.add(name, p.controller.GetOutputPort(name), unit)
     return recorder
 
 

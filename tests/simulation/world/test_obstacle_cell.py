@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from experiments.null_space.cell import NullSpaceCellParameters, add_null_space_cell
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from saphari_drake.pipelines.null_space import NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.simulation.world.ball_and_wall import BallParameters, ball_travel
 from saphari_drake.simulation.world.obstacle_cell import ObstacleCellParameters, add_obstacle_cell
 from saphari_drake.simulation.world.references import StraightMotionParameters, straight_motion
@@ -70,10 +70,10 @@ def test_short_run_in_the_cell(lwr4):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.5)
-    context = parts.controller.GetMyContextFromRoot(simulator.get_context())
-    assert np.linalg.norm(parts.controller.GetOutputPort("task_error").Eval(context)) < 5e-4
-    own = parts.momentum.GetMyContextFromRoot(simulator.get_context())
-    residual = parts.momentum.GetOutputPort("residual").Eval(own)
+    context = parts.pipeline.controller.GetMyContextFromRoot(simulator.get_context())
+    assert np.linalg.norm(parts.pipeline.controller.GetOutputPort("task_error").Eval(context)) < 5e-4
+    own = parts.pipeline.momentum.GetMyContextFromRoot(simulator.get_context())
+    residual = parts.pipeline.momentum.GetOutputPort("torque_external").Eval(own)
     assert np.abs(residual).max() > 1.0
 
 
