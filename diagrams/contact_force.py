@@ -11,7 +11,6 @@ from experiments.contact.cell import ContactCell, add_contact_cell
 from experiments.contact.run import (
     ContactScenario,
     aimed,
-    load_robot,
     record_contact,
     record_velocity,
     replay_contact,
@@ -21,8 +20,9 @@ from experiments.contact.run import (
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.control.contact.stability import hand_stiffness_limits
+from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
@@ -73,7 +73,7 @@ def scenario_for(case: str) -> ContactForceScenario:
         control.direction, control.fixed_force = "fixed", [0.0, 15.0, 0.0]
         scenario.home[0] = -90.0
         # The whole force comes at once; a slower change of law keeps it from stopping the robot where it is resisted.
-        control.transition_time = 0.3
+        pipeline.switch.transition_time = 0.3
         scenario.pushes = [
             resisting("link_6", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [], 0.5, 6.0, 0.15),
             resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5, 0.2),
@@ -96,16 +96,16 @@ class Setup:
 
 def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     pushes = aimed(scenario.pushes, scenario.seed, scenario.aim_spread)
     scenario.system.sampler.noise.seed = scenario.seed
     builder = DiagramBuilder()
     parts = add_contact_cell(builder, robot, pushes, scenario.system)
-    recorder = record_contact(builder, parts, scenario.system.pipeline.joint_sensor.period)
+    recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     controller = parts.pipeline.controller
     hidden = parts.pipeline.force.GetOutputPort("unobservable_directions")
     recorder.add("unobservable", hidden, "1")
-    recorder.add("transition", controller.GetOutputPort("torque_terms"), "Nm", lambda terms: terms[-robot.n :])
+    recorder.add("transition", parts.pipeline.switch.GetOutputPort("transition"), "Nm")
     recorder.add("desired_force", controller.GetOutputPort("desired_force"), "N")
     recorder.add("force_error", controller.GetOutputPort("force_error"), "N")
     recorder.add("contact_velocity", controller.GetOutputPort("contact_velocity"), "m/s")

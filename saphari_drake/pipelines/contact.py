@@ -102,8 +102,6 @@ def add_contact_pipeline(
     """
     params = params or ContactPipelineParameters()
     params.__post_init__()  # its parts take the period
-    force_control = isinstance(params.controller, ContactForceControlParameters)
-    controller = ContactForceController if force_control else ContactImpedanceController
     add = builder.AddNamedSystem
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
@@ -114,7 +112,7 @@ def add_contact_pipeline(
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
-        controller=add("controller", controller(robot, params.controller)),
+        controller=add("controller", _controller(robot, params.controller)),
         switch=add("command_switch", CommandSwitch(robot, params.switch)),
         limit=add("torque_limit", TorqueLimit(robot, params.period)),
     )
@@ -143,8 +141,16 @@ def add_contact_pipeline(
         (p.switch, "torque_commanded", p.limit),
         (p.limit, "torque_applied", p.switch, p.observer),
     )
-    if force_control:
+    if isinstance(p.controller, ContactForceController):
         connect(
             builder, (p.force, "unobservable_directions", p.controller), (p.switch, "transition_left", p.controller)
         )
     return p
+
+
+def _controller(
+    robot: RobotModel, params: ContactImpedanceParameters | ContactForceControlParameters
+) -> ContactImpedanceController | ContactForceController:
+    if isinstance(params, ContactForceControlParameters):
+        return ContactForceController(robot, params)
+    return ContactImpedanceController(robot, params)

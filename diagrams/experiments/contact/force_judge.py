@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.contact.judge import Touch, steady
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.messages import ForceStatus
+from saphari_drake.control.contact.gate import ForceStatus
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel

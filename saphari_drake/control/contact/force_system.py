@@ -20,7 +20,8 @@ from saphari_drake.systems import cycle
 @dataclass(frozen=True)
 class _Memory(Immutable):
     gate: ForceGate
-    controlled: tuple[int, ...] | None = None  # key of the contact whose force was controlled in the cycle before
+    # Key of the contact whose force was controlled in the cycle before; empty: none, None: no cycle before.
+    controlled: tuple[int, ...] | None = None
 
 
 _MODES = {
@@ -104,13 +105,16 @@ class ContactForceController(ContactController):
         params, mode = self._params, self._interaction.Eval(context).mode
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
         terms, F, misfit = (port.Eval(context) for port in (self._dynamics, self._force, self._misfit))
-        gate = memory.gate.after(mode, float(np.linalg.norm(F)), params)
+        known = status_of(F) == SystemStatus.OK
+        gate = memory.gate.after(mode, float(np.linalg.norm(F)) if known else np.nan, params)
         if point is not None and gate.open:
             hidden = self._unobservable.Eval(context).reshape(3, 3).T
+            if status_of(misfit, hidden) != SystemStatus.OK:
+                return self._unknown(idle)
             wanted = gate.size * F / np.linalg.norm(F) if params.direction == "aligned" else self._fixed
             F_d = law.observable_part(wanted, hidden)
             parts, acceleration = law.contact_force_torque(terms, point, F, F_d, misfit, self.gains)
-            goes_on = memory.controlled == idle.selection.key
+            goes_on = memory.controlled in (None, idle.selection.key)
             if goes_on and self._left.HasValue(context):
                 acceleration = acceleration + point.Jv_WC @ np.linalg.solve(terms.M, self._left.Eval(context))
             gate = gate.checked(point.v_WC, acceleration if goes_on else np.zeros(3), params)
@@ -125,5 +129,5 @@ class ContactForceController(ContactController):
         now: ContactOutput = self._output.Eval(context)
         if status_of(*now.terms) == SystemStatus.OK:
             passed = now.selection.mode == CommandMode.PASS
-            memory = _Memory(now.gate, now.selection.key if passed else None)
+            memory = _Memory(now.gate, now.selection.key if passed else ())
             state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

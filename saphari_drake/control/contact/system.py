@@ -56,7 +56,8 @@ class ContactController(LeafSystem):
     ) -> None:
         super().__init__()
         self._robot, n = robot, robot.n
-        self._M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else None
+        shaped = len(params.M_d) > 0
+        self._M_d_inv = np.array(np.linalg.inv(positive_definite(params.M_d, 3, "M_d"))) if shaped else None
         self._K_N = diagonal(params.K_N, n, "K_N")
         terms, none = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(3)
         nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
@@ -84,11 +85,15 @@ class ContactController(LeafSystem):
         idle = ContactOutput(_weight(terms), selection, none, none, none, none)
         sized = now.q_latched.shape == terms.q.shape and (0 <= link < len(terms.q) or not answered)
         if not (terms.finite and sized and status_of(now.q_latched, p_LC) == SystemStatus.OK):
-            return idle._replace(terms=_weight(terms.unknown()))
+            return self._unknown(idle)
         point = terms.point(link, p_LC) if answered else None
         if point is not None:
             idle = idle._replace(p_WC=point.p_WC, v_WC=point.v_WC)
         return self._answer(context, point, idle)
+
+    def _unknown(self, idle: ContactOutput) -> ContactOutput:
+        """Return the output while an input is not finite."""
+        return idle._replace(terms=law.TorqueTerms(*np.full((len(idle.terms), self._robot.n), np.nan)))
 
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:
         """Return the output for a known state; `point` is None without a contact, `idle` has no torque but weight."""
@@ -148,7 +153,9 @@ class ContactImpedanceController(ContactController):
         if point is None:
             mode = CommandMode.HOLD if now.mode == InteractionMode.HOLD else CommandMode.YIELD
             return idle._replace(selection=replace(idle.selection, mode=mode))
-        p_desired = point_position(self._robot, now.q_latched, now.contact.link, now.contact.p_LC)
         terms, F, misfit = (port.Eval(context) for port in (self._dynamics, self._force, self._misfit))
+        if status_of(F, misfit) != SystemStatus.OK:
+            return self._unknown(idle)
+        p_desired = point_position(self._robot, now.q_latched, now.contact.link, now.contact.p_LC)
         parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
         return idle._replace(terms=parts, error=p_desired - point.p_WC)

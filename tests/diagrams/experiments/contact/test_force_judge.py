@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from experiments.contact.force_judge import Drift, expected_drift, free_drift_speed
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.simulation.record.log import Log
 
