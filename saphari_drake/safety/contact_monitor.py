@@ -17,7 +17,7 @@ from saphari_drake.messages import (
     status_of,
 )
 from saphari_drake.parameters import require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts, declare_value
 
@@ -165,8 +165,8 @@ class ContactMonitor(LeafSystem):
 
     def _latched_error(self, now: Interaction, terms: DynamicsTerms) -> float:
         link, p_LC = now.contact.link, now.contact.p_LC
-        p_desired = point_position(self._robot, now.q_latched, link, p_LC)
-        return float(np.linalg.norm(p_desired - terms.point(link, p_LC).p_WC))
+        p_desired = self._robot.tree.kinematics(now.q_latched).position(link, p_LC)
+        return float(np.linalg.norm(p_desired - terms.position(link, p_LC)))
 
     def _decide(
         self, memory: _Memory, terms: DynamicsTerms, touched: bool, works: bool, seen: ContactPoint
@@ -205,4 +205,4 @@ class ContactMonitor(LeafSystem):
 
 
 def _world(terms: DynamicsTerms, contact: ContactPoint) -> Array:
-    return terms.p_WL[contact.link] + terms.R_WL[contact.link] @ contact.p_LC
+    return terms.position(contact.link, contact.p_LC)

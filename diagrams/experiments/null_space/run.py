@@ -18,7 +18,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from experiments.null_space.cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -99,7 +99,7 @@ class Run:
         cell, robot = self.setup.scenario.system.cell, self.setup.robot
         touch = cell.wall.touch if cell.obstacle == "wall" else cell.ball.touch
         link = min(robot.link_index(touch.link) + 1, robot.n - 1)
-        path = np.array([point_position(robot, q, link, np.zeros(3)) for q in self.log["position"]])
+        path = np.array([robot.kinematics(q).p_WL[link] for q in self.log["position"]])
         return np.asarray(np.linalg.norm(path - path[0], axis=1))
 
     def error(self) -> Array:

@@ -12,7 +12,7 @@ from saphari_drake.control.contact.parameters import ContactForceControlParamete
 from saphari_drake.control.contact.system import ContactController, ContactOutput
 from saphari_drake.messages import CommandMode, Immutable, SystemStatus, status_of
 from saphari_drake.parameters import diagonal
-from saphari_drake.robots.dynamics import PointKinematics
+from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.inverses import consistent_inverse
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics
+from saphari_drake.robots.dynamics import DynamicsTerms
+from saphari_drake.robots.kinematics import PointKinematics
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,8 @@ from saphari_drake.messages import (
     status_of,
 )
 from saphari_drake.parameters import diagonal, positive_definite
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import declare_cache, declare_readouts, declare_value
 
@@ -156,6 +157,6 @@ class ContactImpedanceController(ContactController):
         terms, F, misfit = (port.Eval(context) for port in (self._dynamics, self._force, self._misfit))
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)
-        p_desired = point_position(self._robot, now.q_latched, now.contact.link, now.contact.p_LC)
+        p_desired = self._robot.kinematics(now.q_latched).position(now.contact.link, now.contact.p_LC)
         parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
         return idle._replace(terms=parts, error=p_desired - point.p_WC)

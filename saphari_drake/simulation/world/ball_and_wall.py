@@ -114,7 +114,7 @@ def approach(robot: RobotModel, touch: Touch, radius: float) -> tuple[Array, Arr
         robot.shapes,
         robot.link_index(touch.link),
     )
-    aim = terms.p_WL[link] + terms.R_WL[link] @ np.asarray(touch.aim)
+    aim = terms.position(link, np.asarray(touch.aim))
     d = np.asarray(touch.direction) / np.linalg.norm(touch.direction)
     R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
     chosen, way = shapes.link == link, _FAR

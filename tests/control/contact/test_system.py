@@ -12,7 +12,7 @@ from saphari_drake.control.contact.parameters import ContactImpedanceParameters
 from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import CommandMode, ContactPoint, Interaction, InteractionMode, SystemStatus
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 
 HOLD, CONTACT, RETURN, YIELD, STOP = InteractionMode
 M_D = np.diag([20.0, 3.0, 10.0])
@@ -90,7 +90,7 @@ def test_contact_answers_with_the_law_at_the_latched_point(moving, lwr4):
     contact = bench.mode(CONTACT).contact
     terms = evaluate_dynamics(lwr4, bench.q, bench.v)
     point = terms.point(contact.link, contact.p_LC)
-    p_desired = point_position(lwr4, lwr4.home, contact.link, contact.p_LC)
+    p_desired = lwr4.kinematics(lwr4.home).position(contact.link, contact.p_LC)
     law = ImpedanceGains(500.0 * np.eye(3), 80.0 * np.eye(3), np.linalg.inv(M_D), np.full(7, 20.0), 0.03, MAX_MASS)
     expected = contact_impedance_torque(terms, point, p_desired, np.array([5.0, -8.0, 3.0]), 0.1 * np.ones(7), law)
     for actual, part in zip(bench.terms, expected, strict=True):
