@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
+from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
@@ -183,6 +184,17 @@ class RobotModel:
         if not np.all(np.isfinite(array)):
             raise StateError(f"{what}: not finite: {array.tolist()}")
         return array
+
+    def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> Kinematics:
+        """Return poses, Jacobians and velocities of all links at joint positions and velocities (n,), default: at rest.
+
+        Raises
+        ------
+        StateError
+            If a state has the wrong size or is not finite.
+        """
+        v = np.zeros(self.n) if v is None else self.checked_vector(v, "velocities")
+        return self.tree.kinematics(self.checked_vector(q, "positions"), v)
 
     def link_index(self, name: str) -> int:
         """Return the index of a moving link by the name of its body, or of a body welded to it."""

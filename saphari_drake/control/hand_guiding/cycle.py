@@ -22,7 +22,8 @@ from saphari_drake.control.hand_guiding.touch import Sensed, Tip, Touches, joint
 from saphari_drake.math.saturation import limit_torque
 from saphari_drake.messages import GuidingPriority, GuidingStatus, Immutable, SkinContact, SkinReading
 from saphari_drake.parameters import positive_definite
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -246,7 +247,7 @@ class HandGuiding:
             at = actual.point(*where)
             new = not state.touches.touched[c] or (c == 1 and link != state.link)
             if new:
-                centre[c] = point_position(self.robot, state.q_start, *where)
+                centre[c] = self.robot.kinematics(state.q_start).position(*where)
             if new or touches.priority != state.touches.priority:
                 p_d, v_d = at.p_WC, at.Jv_WC @ state.v
             else:

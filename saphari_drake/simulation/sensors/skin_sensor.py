@@ -10,7 +10,6 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout
 from saphari_drake.robots.model import RobotModel
@@ -162,6 +161,5 @@ class SkinSensor(LeafSystem):
 
 
 def _link_pose(robot: RobotModel, link: int, q: Array) -> tuple[Array, Array]:
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return R_WL[link], p_WL[link]
+    at = robot.kinematics(q)
+    return at.R_WL[link], at.p_WL[link]

@@ -1,0 +1,82 @@
+"""Where the links of a robot are and how they move: the one way to positions and Jacobians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.messages import Immutable
+
+Array = NDArray[np.float64]
+
+
+class PointKinematics(NamedTuple):
+    """Motion of a point C fixed in a link, in the world frame."""
+
+    p_WC: Array  # (3,) position, m
+    v_WC: Array  # (3,) velocity, m/s
+    Jv_WC: Array  # (3, n) Jacobian, v_WC = Jv_WC q̇
+    Jdotv_WC: Array  # (3,) J̇q̇, m/s²
+
+
+@dataclass(frozen=True)
+class Kinematics(Immutable):
+    """Kinematics of all links at one state.
+
+    Attributes
+    ----------
+    R_WL, p_WL : (n, 3, 3) and (n, 3) arrays
+        Poses of the links in the world.
+    S, V, A : (n, 6) arrays
+        Joint axes, link velocities, and link accelerations for q̈ = 0: spatial [ω; v], at the world origin.
+    parent : (n,) array of int
+        Link that carries each joint (−1: the world).
+    """
+
+    R_WL: Array
+    p_WL: Array
+    S: Array
+    V: Array
+    A: Array
+    parent: NDArray[np.int64]
+
+    def position(self, link: int, p_LC: Array) -> Array:
+        """Return the position (3,) in the world of point p_LC (m, link frame) of a link."""
+        return self.p_WL[link] + self.R_WL[link] @ p_LC
+
+    def in_link(self, link: int, p_W: Array) -> Array:
+        """Return a point of the world (3,) in the frame of a link (m)."""
+        return self.R_WL[link].T @ (p_W - self.p_WL[link])
+
+    def point(self, link: int, p_LC: Array) -> PointKinematics:
+        """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
+        return PointKinematics(*point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC))
+
+
+class Tree(NamedTuple):
+    """Constants of a tree of one-degree-of-freedom joints, as `saphari_drake.math.tree` takes them."""
+
+    parent: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    axis: Array
+    R_PF: Array
+    p_PF: Array
+    R_ML: Array
+    p_ML: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    armature: Array
+    gravity: Array
+
+    def kinematics(self, q: Array, v: Array | None = None) -> Kinematics:
+        """Return the kinematics at joint positions and velocities (n,), default: at rest. Nothing is checked."""
+        v = np.zeros(len(q)) if v is None else v
+        R_WL, p_WL, S, V, A = tree_kinematics(
+            self.parent, self.kind, self.axis, self.R_PF, self.p_PF, self.R_ML, self.p_ML, q, v
+        )
+        return Kinematics(R_WL, p_WL, S, V, A, self.parent)
