@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.messages import ForceStatus
+from saphari_drake.control.contact.gate import ForceStatus
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -65,7 +65,7 @@ def scenario_for(case: str) -> ContactForceScenario:
         control.direction, control.fixed_force = "fixed", [0.0, 15.0, 0.0]
         scenario.home[0] = -90.0
         # The whole force comes at once; a slower change of law keeps it from stopping the robot where it is resisted.
-        control.transition_time = 0.3
+        pipeline.switch.transition_time = 0.3
         scenario.pushes = [
             resisting("link_6", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [], 0.5, 6.0, 0.15),
             resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5, 0.2),
@@ -81,9 +81,9 @@ def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Con
 
 def record(recorder: Recorder, parts: ContactCell) -> None:
     """Record what the force control tells beside all contact controllers."""
-    controller, n = parts.pipeline.controller, parts.cell.robot.n
+    controller = parts.pipeline.controller
     recorder.add("unobservable", parts.pipeline.force.GetOutputPort("unobservable_directions"), "1")
-    recorder.add("transition", controller.GetOutputPort("torque_terms"), "Nm", lambda terms: terms[-n:])
+    recorder.add("transition", parts.pipeline.switch.GetOutputPort("transition"), "Nm")
     recorder.add("force_status", controller.GetOutputPort("force_status"), "ForceStatus")
     units = {"desired_force": "N", "force_error": "N", "contact_velocity": "m/s", "stop_velocity": "m/s"}
     for name, unit in units.items():

@@ -77,7 +77,7 @@ def judged(result: Run, reference: Run) -> list[Metric]:
 
 def steady_error(result: Run, rows: np.ndarray) -> float:
     """Return ‖K⁻¹ J_M^{#T} τ_ext‖ (m), the error that stays without an observer, from the true external torque."""
-    log, controller = result.log, result.setup.parts.controller
+    log, controller = result.log, result.setup.parts.pipeline.controller
     q, torque = log["position"][rows].mean(axis=0), -log["contact_torque"][rows].mean(axis=0)
     task = controller.kinematics(evaluate_dynamics(result.setup.robot, q, np.zeros(len(q)))).task
     return float(np.linalg.norm((task.J_inv.T @ torque / controller.gains.K_x)[-3:]))

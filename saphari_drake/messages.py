@@ -30,6 +30,11 @@ class SystemStatus(IntEnum):
     BRAKES_ON = 3  # the state of the robot is not known: apply the brakes, torque carries the weight alone
 
 
+def status_of(*values: NDArray[np.float64]) -> SystemStatus:
+    """Return OK if all values are finite, else BAD_INPUT."""
+    return SystemStatus.OK if all(np.isfinite(value).all() for value in values) else SystemStatus.BAD_INPUT
+
+
 class CommandMode(IntEnum):
     """What becomes of the command of a controller, also published as a number."""
 
@@ -74,19 +79,6 @@ class InteractionMode(IntEnum):
     RETURN = 2  # released: the contact point goes back to where it was touched
     YIELD = 3  # touched, but not seen where: only damping and gravity compensation
     STOP = 4  # the camera is lost: compliant stop
-
-
-class ForceStatus(IntEnum):
-    """What the force control does, and why it does not control a force, also published as a number."""
-
-    HOLD = 0  # nobody touches: keep the posture
-    CONTROLLED = 1  # the force is controlled in all directions
-    PARTIAL = 2  # controlled, except along directions in which joint torques do not show it
-    WEAK = 3  # touched with a force below the gate: brake
-    RELEASED = 4  # braking to rest after the release
-    SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
-    UNSEEN = 6  # touched, but not seen where: yield
-    NO_CAMERA = 7  # the camera is lost: compliant stop
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,23 @@ def require_choice(params: object, name: str, choices: tuple[str, ...]) -> None:
         raise UnknownNameError(name, getattr(params, name), choices)
 
 
+def share_period(params: Any, *names: str) -> None:
+    """Give the period of `params` to the parameters in the named fields.
+
+    Raises
+    ------
+    ParameterError
+        If one of them was given a period of its own: another than its default, or than was shared before.
+    """
+    before = getattr(params, "_shared_period", params.period)
+    for name in names:
+        part = getattr(params, name)
+        if part.period not in (params.period, before, type(part).period):
+            raise ParameterError(f"{name}.period", f"is that of the pipeline, {params.period} s; set period instead")
+        part.period = params.period
+    params._shared_period = params.period
+
+
 def diagonal(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """Spread a scalar gain over `size` entries, or check that a vector has that size.
 

@@ -57,7 +57,7 @@ def dh_frames(q):
 
 def link_frames(robot, q):
     """Return the poses of the robot's links in the world as 4×4 matrices."""
-    R, p, *_ = robot.kinematics(q)
+    R, p, *_ = robot.kinematics(q).motion
     return [np.vstack([np.hstack([a, b[:, None]]), [0, 0, 0, 1]]) for a, b in zip(R, p)]
 
 

@@ -127,7 +127,7 @@ def test_point_that_cannot_move_has_rank_0():
 def bench(lwr4):
     terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
     return Bench(
-        ContactForceEstimator(lwr4), dynamics=terms, residual=np.arange(1.0, 8.0), contact_point=ContactPoint()
+        ContactForceEstimator(lwr4), dynamics=terms, torque_external=np.arange(1.0, 8.0), contact_point=ContactPoint()
     ), terms
 
 
@@ -147,7 +147,7 @@ def test_ports_with_a_contact_point(bench):
     for link in (2, 5):
         p_LC = np.array([0.02, 0.05, 0.1])
         J = terms.point(link, p_LC).Jv_WC
-        system.set(contact_point=ContactPoint(found=True, link=link, p_LC=p_LC), residual=J.T @ F)
+        system.set(contact_point=ContactPoint(found=True, link=link, p_LC=p_LC), torque_external=J.T @ F)
         expected = estimate_contact_force(J, J.T @ F, RCOND)
         np.testing.assert_array_equal(system.read("contact_force"), expected.F_W)
         assert system.read("rank") == expected.rank == (2 if link == 2 else 3)

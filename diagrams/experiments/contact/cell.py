@@ -7,13 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from saphari_drake.parameters import share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.contact_localizer import background_depth
-from saphari_drake.pipelines.contact import ContactPipeline, ContactPipelineParameters, add_contact_pipeline
+from saphari_drake.pipelines.contact import (
+    ContactMeasurements,
+    ContactPipeline,
+    ContactPipelineParameters,
+    add_contact_pipeline,
+)
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
 from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
@@ -34,12 +41,21 @@ class CellParameters(PlantParameters):
 
 @dataclass
 class ContactCellParameters:
-    """World, camera and pipeline."""
+    """World, sensors and pipeline."""
 
+    joint_sensor: JointSensorParameters = field(default_factory=JointSensorParameters)
     cell: CellParameters = field(default_factory=CellParameters)
     camera: CameraParameters = field(default_factory=CameraParameters)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
     pipeline: ContactPipelineParameters = field(default_factory=ContactPipelineParameters)
+
+    def __post_init__(self) -> None:
+        share_period(self, "joint_sensor")
+
+    @property
+    def period(self) -> float:
+        """The control cycle (s)."""
+        return self.pipeline.period
 
 
 @dataclass
@@ -76,9 +92,12 @@ def add_contact_cell(
     sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, params.sampler))
     builder.Connect(camera.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
     background = learn_background(robot, params)
-    pipeline = add_contact_pipeline(builder, robot, params.camera, params.pipeline, background)
-    builder.Connect(cell.robot_state, pipeline.state_input)
-    builder.Connect(sampler.GetOutputPort("depth_image"), pipeline.depth_input)
-    builder.Connect(sampler.GetOutputPort("image_time"), pipeline.image_time_input)
+    params.__post_init__()
+    joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, params.joint_sensor))
+    builder.Connect(cell.robot_state, joints.GetInputPort("state"))
+    ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")
+    outputs = (system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names)
+    measured = ContactMeasurements(*outputs)
+    pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)
     return ContactCell(cell, camera, params.camera, sampler, pipeline)

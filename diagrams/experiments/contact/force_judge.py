@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from experiments.contact.judge import Touch, find_touches, localization_metrics, steady
 from experiments.contact.run import ContactSetup
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.gate import ForceStatus
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.control.contact.stability import hand_stiffness_limits
-from saphari_drake.messages import ForceStatus
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -42,7 +42,7 @@ def true_velocity(log: Log, robot: RobotModel) -> Array:
     for i in np.flatnonzero(log["active_link"][:, 0] >= 0):
         terms = evaluate_dynamics(robot, log["position"][i], log["velocity"][i])
         link = int(log["active_link"][i, 0])
-        p_LC = terms.R_WL[link].T @ (log["contact_position"][i] - terms.p_WL[link])
+        p_LC = terms.in_link(link, log["contact_position"][i])
         velocity[i] = terms.point(link, p_LC).v_WC
     return velocity
 
@@ -108,7 +108,7 @@ def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactFor
     for k, row in enumerate(drift.rows[:-1]):
         terms = evaluate_dynamics(robot, log["position"][row], log["velocity"][row])
         link = int(log["active_link"][row, 0])
-        J = terms.point(link, terms.R_WL[link].T @ (log["contact_position"][row] - terms.p_WL[link])).Jv_WC
+        J = terms.point(link, terms.in_link(link, log["contact_position"][row])).Jv_WC
         M_inv_JT = np.linalg.solve(terms.M, J.T)
         mobility = J @ M_inv_JT
         M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else mobility

@@ -85,9 +85,9 @@ def build_contact(
     builder = DiagramBuilder()
     profile = recorded.profile if recorded else None
     parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
-    recorder = record_contact(builder, parts, scenario.system.pipeline.joint_sensor.period)
+    recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     record(recorder, parts)
-    fast = record_limits(builder, parts.cell, parts.pipeline.controller.GetOutputPort("torque_excess"))
+    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
     show(builder, parts.cell.scene_graph, meshcat)
     return ContactSetup(scenario, robot, pushes, builder.Build(), parts, recorder, fast, scenario.duration, recorded)
 
@@ -96,7 +96,7 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     """Record, once a cycle, what the figures and the judgement of every controller need."""
     cell, p = parts.cell, parts.pipeline
     recorder = record_robot(builder, cell, period)
-    recorder.add("residual", p.observer.GetOutputPort("residual"), "Nm")
+    recorder.add("residual", p.observer.GetOutputPort("torque_external"), "Nm")
     recorder.add("contact", p.detector.GetOutputPort("contact"), "1")
     recorder.add("mode", p.monitor.GetOutputPort("mode"), "InteractionMode")
     recorder.add("active_link", p.monitor.GetOutputPort("active_contact"), "index", lambda c: [c.link])
@@ -105,7 +105,7 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     recorder.add("force_rank", p.force.GetOutputPort("rank"), "1")
     recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
     recorder.add("torque", p.torque_output, "Nm")
-    recorder.add("torque_excess", p.controller.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
     recorder.add("contact_truth", cell.contact_results, "N, m, index", lambda results: contact_truth(results, cell), 7)
     return recorder
 

@@ -12,11 +12,11 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.null_space.cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from experiments.null_space.motion import StraightMotionParameters, straight_motion
 from saphari_drake.errors import ParameterError
-from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.robots import catalog
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -84,7 +84,7 @@ class Run:
 
     def task_forces(self) -> tuple[Array, Array, Array]:
         """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
-        log, controller, robot = self.log, self.setup.parts.controller, self.setup.robot
+        log, controller, robot = self.log, self.setup.parts.pipeline.controller, self.setup.robot
         rows: list[list[Array]] = [[], [], []]
         torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
         for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
@@ -98,7 +98,7 @@ class Run:
         cell, robot = self.setup.scenario.system.cell, self.setup.robot
         touch = cell.wall.touch if cell.obstacle == "wall" else cell.ball.touch
         link = min(robot.link_index(touch.link) + 1, robot.n - 1)
-        path = np.array([point_position(robot, q, link, np.zeros(3)) for q in self.log["position"]])
+        path = np.array([robot.kinematics(q).p_WL[link] for q in self.log["position"]])
         return np.asarray(np.linalg.norm(path - path[0], axis=1))
 
     def error(self) -> Array:
@@ -112,13 +112,13 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     builder = DiagramBuilder()
     parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
-        start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
-            builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
+            builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
     recorder = _record(builder, parts)
-    fast = record_limits(builder, parts.cell, parts.controller.GetOutputPort("torque_excess"))
+    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
     show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 
@@ -137,14 +137,16 @@ def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
 
 
 def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
-    cell = parts.cell
+    cell, p = parts.cell, parts.pipeline
     recorder = record_robot(builder, cell, RECORD_PERIOD)
     recorder.add("contact_torque", cell.contact_torque, "Nm")
     recorder.add("contact", cell.contact_results, "N, m", lambda results: contact_truth(results, cell)[:6], 6)
-    recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
-    recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
-    for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
-        recorder.add(name, parts.controller.GetOutputPort(name), unit)
+    recorder.add("residual", p.momentum.GetOutputPort("torque_external"), "Nm")
+    recorder.add("torque_estimated", p.disturbance.GetOutputPort("torque_external"), "Nm", lambda torque: -torque)
+    recorder.add("torque_commanded", p.torque_output, "Nm")
+    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    for name, unit in (("task_error", "m"), ("yielding", "1")):
+        recorder.add(name, p.controller.GetOutputPort(name), unit)
     return recorder
 
 

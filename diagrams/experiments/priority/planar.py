@@ -19,7 +19,7 @@ from saphari_drake.control.reverse_priority.system import (
 )
 from saphari_drake.control.reverse_priority.tasks import Bound, Level, plane_distance, position_task
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -83,7 +83,7 @@ def planar_levels(robot: RobotModel, params: PlanarParameters, case: str) -> lis
 def tip_position(robot: RobotModel, q: Array) -> Array:
     """Return the position of the end effector (m)."""
     link, X_LF = robot.frame("tip")
-    return point_position(robot, q, link, X_LF.translation())
+    return robot.kinematics(q).position(link, X_LF.translation())
 
 
 def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> PlanarCell:

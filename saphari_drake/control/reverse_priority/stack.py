@@ -160,14 +160,14 @@ class PriorityStack:
         """Return values (c,), Jacobian (c, n) and own rates (c,) of the constraints, all as upper bounds."""
         references = np.zeros((len(self.tasks), REFERENCE_SIZE))
         inputs = np.asarray(q), references, targets, self._goal, self.robot.v_max
-        rows = _rows(self._table, self.robot.kinematics(q), *inputs)
+        rows = _rows(self._table, self.robot.kinematics(q).motion, *inputs)
         return rows.x[self._side_rows], rows.J[self._side_rows], rows.own[self._side_rows]
 
 
 def evaluate_component(robot: RobotModel, component: Component, q: Array, targets: Array) -> tuple[float, Array, float]:
     """Return value, Jacobian (n,) and own rate of a component: ẋ_C = J q̇ + own rate."""
     inputs = np.array(q), np.zeros((0, REFERENCE_SIZE)), np.atleast_2d(targets), np.zeros(1), robot.v_max
-    rows = _rows(_table([_row(component, 1.0, None)]), robot.kinematics(q), *inputs)
+    rows = _rows(_table([_row(component, 1.0, None)]), robot.kinematics(q).motion, *inputs)
     return float(rows.x[0]), rows.J[0], float(rows.own[0])
 
 

@@ -149,7 +149,7 @@ class ReversePriorityController(LeafSystem):
 def home_references(stack: PriorityStack) -> Array:
     """Return the references (tasks, 18) that hold frames, joints and distances to planes as at home; others are 0."""
     home = stack.robot.home
-    motion, references = stack.robot.kinematics(home), np.zeros((len(stack.tasks), REFERENCE_SIZE))
+    motion, references = stack.robot.kinematics(home).motion, np.zeros((len(stack.tasks), REFERENCE_SIZE))
     for reference, task in zip(references, stack.tasks):
         if isinstance(task, FrameTask):
             R_WL = motion.R_WL[task.link] if task.link >= 0 else np.eye(3)

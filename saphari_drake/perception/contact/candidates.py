@@ -127,7 +127,7 @@ def _ever_free(
     free = np.zeros(len(p_L), dtype=bool)
     for k in range(12):
         q = robot.home if k == 0 else rng.uniform(low, high)
-        R_WL, p_WL, *_ = robot.kinematics(q)
+        R_WL, p_WL, *_ = robot.kinematics(q).motion
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
         _add_free(shapes.kind, shapes.size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free)
     return free

@@ -30,7 +30,7 @@ class Instant(NamedTuple):
 
 def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
     """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
-    R_WL, p_WL, S, *_ = robot.kinematics(q)
+    R_WL, p_WL, S, *_ = robot.kinematics(q).motion
     return Instant(stamp, S, R_WL, p_WL, r)
 
 

@@ -84,7 +84,7 @@ class ContactFusionLaw:
         An image in which less than the share `least_seen` of the robot has readings counts as none.
         """
         p, c = self.params, self.candidates
-        R_WL, p_WL, S, *_ = self.robot.kinematics(q)
+        R_WL, p_WL, S, *_ = self.robot.kinematics(q).motion
         found, used = [], list(images)
         shares: dict[int, float] = {}
         for k, depth in enumerate(images):

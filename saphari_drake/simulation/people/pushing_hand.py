@@ -82,7 +82,7 @@ def find_target(robot: RobotModel, q: ArrayLike, push: Push) -> Target:
     R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
     everything = np.ones(shapes.count, dtype=bool)
     direction = np.asarray(push.direction) / np.linalg.norm(push.direction)
-    aim = terms.p_WL[link] + terms.R_WL[link] @ np.asarray(push.aim)
+    aim = terms.position(link, np.asarray(push.aim))
     p = aim - 1.0 * direction
     for _ in range(200):
         shape, distance, p_WN, n_W = nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, p)

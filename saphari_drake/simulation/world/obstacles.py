@@ -15,12 +15,11 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.parameters import require_choice, require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.cell import Body, Cell
-from saphari_drake.simulation.world.floor import Floor
-from saphari_drake.simulation.world.plant import PlantParameters, point_contact
+from saphari_drake.simulation.world.plant import point_contact
 
 Array = NDArray[np.float64]
 _RUBBER = np.array([0.16, 0.45, 0.70, 1.0])
@@ -110,7 +109,7 @@ def approach(robot: RobotModel, touch: Touch, radius: float) -> tuple[Array, Arr
     """
     terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
     shapes, link = robot.shapes, robot.link_index(touch.link)
-    aim = terms.p_WL[link] + terms.R_WL[link] @ np.asarray(touch.aim)
+    aim = terms.position(link, np.asarray(touch.aim))
     d = np.asarray(touch.direction) / np.linalg.norm(touch.direction)
     R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
     chosen, way = shapes.link == link, _FAR
@@ -212,24 +211,3 @@ def _touch_one_link(cell: Cell, name: str, link: str) -> None:
     others, obstacle = shapes(body for body in robot if body.name() != link), shapes([cell.plant.GetBodyByName(name)])
     filters = cell.scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeBetween(others, obstacle))
-
-
-@dataclass
-class ObstacleCellParameters(PlantParameters):
-    """An arm with a rigid cover, and what is beside it."""
-
-    rigid_cover: bool = True
-    # What is beside the arm: ball, wall or nothing.
-    obstacle: str = "ball"
-    ball: BallParameters = field(default_factory=BallParameters)
-    wall: WallParameters = field(default_factory=WallParameters)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice(self, "obstacle", ("ball", "wall", "nothing"))
-
-    @property
-    def bodies(self) -> list[Body]:
-        """The floor and the obstacle."""
-        obstacles: dict[str, list[Body]] = {"ball": [Ball(self.ball)], "wall": [Wall(self.wall)], "nothing": []}
-        return [Floor(), *obstacles[self.obstacle]]

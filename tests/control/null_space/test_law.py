@@ -84,7 +84,7 @@ def test_compiled_law_is_that_of_the_equations(load_arm, name, observer, task):
         V_d, A_d, estimate = rng.normal(size=6), rng.normal(size=6), rng.normal(size=robot.n)
         q_d = d.q + rng.uniform(-0.1, 0.1, robot.n)
         values = {
-            "dynamics": AbstractValue.Make(d), "torque_estimated": estimate, "residual": -estimate,
+            "dynamics": AbstractValue.Make(d), "torque_external_task": -estimate, "torque_external": -estimate,
             "desired_pose": AbstractValue.Make(RigidTransform(RotationMatrix(X_d[0]), X_d[1])),
             "desired_velocity": V_d, "desired_acceleration": A_d, "nominal_posture": q_d,
         }  # fmt: skip

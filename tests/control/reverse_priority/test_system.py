@@ -117,7 +117,7 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(lwr4):
 
 
 def home_point(robot):
-    return arm.point_position(robot, robot.home, robot.link_index("link_7"), np.zeros(3))
+    return robot.kinematics(robot.home).p_WL[robot.link_index("link_7")]
 
 
 def test_hard_constraints_hold_for_twenty_random_people(lwr4):
@@ -155,7 +155,7 @@ def test_a_hard_bound_and_a_soft_one_differ_by_their_place(lwr4):
         for _ in range(400):
             v = stack.solve(q, 0.95 * v, position_reference(goal)[None], NOWHERE, 0.005).v
             q = q + 0.005 * v
-        heights[name] = arm.point_position(lwr4, q, lwr4.link_index("link_7"), np.zeros(3))[2]
+        heights[name] = lwr4.kinematics(q).p_WL[lwr4.link_index("link_7")][2]
     assert heights["hard"] <= 0.52
     assert heights["soft"] == pytest.approx(goal[2], abs=1e-3)
 

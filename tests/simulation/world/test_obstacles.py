@@ -1,25 +1,23 @@
-"""Ball and wall beside the arm: stiffness, motion, friction, payload, and a short run of the whole cell."""
+"""Ball and wall beside the arm: their stiffness, and the way of the ball."""
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from saphari_drake.pipelines.null_space import NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.simulation.world.cell import add_cell
-from saphari_drake.simulation.world.obstacles import BallParameters, ObstacleCellParameters, ball_path
+from saphari_drake.simulation.world.obstacles import Ball, BallParameters, Wall, WallParameters, ball_path
+from saphari_drake.simulation.world.plant import PlantParameters
 
 
 @pytest.mark.parametrize("obstacle", ["ball", "wall"])
 def test_stiffness_of_the_obstacles(lwr4, obstacle):
     """Pressed by a known depth at rest, ball and pad push with stiffness times depth."""
-    params = ObstacleCellParameters(obstacle=obstacle, time_step=1e-5)
-    params.ball.dissipation = params.wall.dissipation = 0.0
-    depth = 0.01
-    if obstacle == "wall":
-        params.wall.gap = 1e-12
+    ball, wall = BallParameters(dissipation=0.0), WallParameters(dissipation=0.0, gap=1e-12)
+    depth, step = 0.01, 1e-5
     builder = DiagramBuilder()
-    cell = add_cell(builder, lwr4, params.bodies, params)
+    body = Ball(ball) if obstacle == "ball" else Wall(wall)
+    cell = add_cell(builder, lwr4, [body], PlantParameters(time_step=step, rigid_cover=True))
     builder.ExportInput(cell.torque_input, "torque")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
@@ -27,15 +25,15 @@ def test_stiffness_of_the_obstacles(lwr4, obstacle):
     plant = cell.plant
     own = plant.GetMyMutableContextFromRoot(context)
     if obstacle == "ball":
-        plant.SetPositions(own, plant.GetModelInstanceByName("ball"), [params.ball.gap + depth])
-        stiffness = params.ball.stiffness
+        plant.SetPositions(own, plant.GetModelInstanceByName("ball"), [ball.gap + depth])
+        stiffness = ball.stiffness
     else:
         q = lwr4.home.copy()
         q[0] += 0.05
         plant.SetPositions(own, cell.instance, q)
-        stiffness, depth = params.wall.stiffness, None
-    Simulator(diagram, context).AdvanceTo(params.time_step)  # results are those of the last step
-    results = plant.get_contact_results_output_port().Eval(own)
+        stiffness, depth = wall.stiffness, None
+    Simulator(diagram, context).AdvanceTo(step)  # results are those of the last step
+    results = cell.contact_results.Eval(own)
     assert results.num_point_pair_contacts() == 1
     info = results.point_pair_contact_info(0)
     measured = abs(info.contact_force() @ info.point_pair().nhat_BA_W)
@@ -60,34 +58,3 @@ def test_travel_of_the_ball():
     ):
         assert path.value(time)[0, 0] == pytest.approx(travel, abs=1e-9)
         assert speed.value(time)[0, 0] == pytest.approx(rate, abs=1e-9)
-
-
-def test_short_run_in_the_cell(lwr4):
-    """Ball on the simulated arm with encoders, at 2 ms: the momentum observer keeps the task within 0.3 mm."""
-    params = NullSpaceCellParameters()
-    params.cell.ball.start, params.cell.ball.gap = 0.01, 0.002
-    builder = DiagramBuilder()
-    parts = add_null_space_cell(builder, lwr4, params)
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    simulator.AdvanceTo(0.5)
-    context = parts.controller.GetMyContextFromRoot(simulator.get_context())
-    assert np.linalg.norm(parts.controller.GetOutputPort("task_error").Eval(context)) < 5e-4
-    own = parts.momentum.GetMyContextFromRoot(simulator.get_context())
-    residual = parts.momentum.GetOutputPort("residual").Eval(own)
-    assert np.abs(residual).max() > 1.0
-
-
-def test_friction_sticks_and_payload_weighs(lwr4):
-    """A joint whose load is below its Coulomb friction stays at rest; the payload adds its weight to what is felt."""
-    for payload in (0.0, 1.0):
-        params = NullSpaceCellParameters()
-        params.cell.obstacle, params.cell.friction_share, params.cell.payload = "nothing", 1.0, payload
-        builder = DiagramBuilder()
-        parts = add_null_space_cell(builder, lwr4, params)
-        diagram = builder.Build()
-        simulator = Simulator(diagram)
-        simulator.AdvanceTo(0.1)
-        state = parts.cell.robot_state.Eval(parts.cell.plant.GetMyContextFromRoot(simulator.get_context()))
-        moved = np.abs(state[:7] - lwr4.home).max()
-        assert moved < 1e-9 if payload == 0.0 else moved < 1e-4

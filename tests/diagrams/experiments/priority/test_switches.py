@@ -9,7 +9,6 @@ from saphari_drake.control.reverse_priority.stack import PriorityStack
 from saphari_drake.control.reverse_priority.system import position_reference
 from saphari_drake.control.reverse_priority.tasks import Bound, plane_distance, position_task
 from saphari_drake.math.products import cholesky
-from saphari_drake.robots.dynamics import point_position
 
 NOWHERE = np.zeros((0, 6))
 
@@ -20,7 +19,7 @@ def test_a_switch_is_found_with_the_velocity_it_adds(lwr4):
     stack = PriorityStack(lwr4, [[wall], position_task(lwr4, "link_7")])
     x = float(stack.constraints(lwr4.home, NOWHERE)[0][0])
     stack.bounds[0] = x + 0.01
-    reference = position_reference(point_position(lwr4, lwr4.home, 6, np.zeros(3)) + [0.0, 0.0, 0.05])[None]
+    reference = position_reference(lwr4.kinematics(lwr4.home).p_WL[6] + [0.0, 0.0, 0.05])[None]
     q, zero = np.tile(lwr4.home, (4, 1)), np.zeros((4, 7))
     result = stack.solve(lwr4.home, zero[0], reference, NOWHERE, 0.005)
     free = stack.solve(lwr4.home, zero[0], reference, NOWHERE, 0.005, np.array([np.inf]))

@@ -1,4 +1,4 @@
-"""Parameters of the contact force control."""
+"""Parameters of the impedance and of the force control at a contact."""
 
 from dataclasses import dataclass, field
 
@@ -15,8 +15,32 @@ from saphari_drake.parameters import (
 
 
 @dataclass
+class ContactImpedanceParameters:
+    """Impedance at the contact. Gains: the deliverable, unless marked."""
+
+    # N/m, stiffness at the contact along the world's axes; one value or three.
+    K_p: list[float] | float = 500.0
+    # Ns/m, damping at the contact along the world's axes; one value or three.
+    K_d: list[float] | float = 80.0
+    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57), which needs no force estimate.
+    M_d: list[float] = field(default_factory=list)
+    # 1/s, damping of self-motion; one value or one a joint.
+    K_N: list[float] | float = 20.0
+    # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
+    # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    misfit_lever: float = 0.03
+    # kg, bound of the effective mass near singular directions of the contact. A.
+    max_effective_mass: float = 50.0
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        _check_gains(self, "K_p", "K_d")
+
+
+@dataclass
 class ContactForceControlParameters:
-    """Force at the contact, and the behaviour without one. Gains: the deliverable, unless marked."""
+    """Force at the contact. Gains: the deliverable, unless marked."""
 
     # "aligned": the desired force points along the estimated one, so that the person always resists it; "fixed": it
     # points in a fixed direction of the world, and the robot drifts where nobody resists.
@@ -49,15 +73,6 @@ class ContactForceControlParameters:
     stop_lead: float = 0.02
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
     misfit_lever: float = 0.03
-    # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
-    hold_stiffness: list[float] | float = 225.0
-    # 1/s, damping over inertia of the held posture, and while braking. A.
-    hold_damping: list[float] | float = 30.0
-    # 1/s, damping over inertia while yielding, or without a camera. A.
-    yield_damping: list[float] | float = 10.0
-    # s, time constant with which the torque of the law that was left fades; the second holds while braking. A.
-    transition_time: float = 0.1
-    brake_time: float = 0.01
     # kg, bound of the effective mass near singular directions of the contact. A.
     max_effective_mass: float = 50.0
     # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
@@ -67,20 +82,23 @@ class ContactForceControlParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
+        _check_gains(self, "K_f", "K_d")
         require_choice(self, "direction", ("aligned", "fixed"))
-        for name in ("K_f", "K_d"):
-            diagonal(getattr(self, name), 3, name)
-        for name in ("K_N", "hold_stiffness", "hold_damping", "yield_damping"):
-            value = getattr(self, name)
-            diagonal(value, np.size(value), name)
-        if len(self.M_d):
-            positive_definite(self.M_d, 3, "M_d")
         if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
         require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
-        require_positive(self, "transition_time", "brake_time", "max_effective_mass", "period")
-        require_non_negative(self, "force_rate", "misfit_lever", "hand_stiffness", "hand_damping")
+        require_non_negative(self, "force_rate", "hand_stiffness", "hand_damping")
         if not 0.0 < self.stop_share <= 1.0:
             raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
         if self.gate_off >= self.gate_on:
             raise ParameterError("gate_off", f"must be below gate_on, {self.gate_on} N, got {self.gate_off}")
+
+
+def _check_gains(params: ContactImpedanceParameters | ContactForceControlParameters, *names: str) -> None:
+    for name in names:
+        diagonal(getattr(params, name), 3, name)
+    diagonal(params.K_N, np.size(params.K_N), "K_N")
+    if len(params.M_d):
+        positive_definite(params.M_d, 3, "M_d")
+    require_non_negative(params, "misfit_lever")
+    require_positive(params, "max_effective_mass", "period")

@@ -1,30 +1,26 @@
-"""The contact impedance: its closed loop, equilibria, bounds, and changes of mode without jumps."""
-
-from dataclasses import replace
+"""The laws at a contact: their closed loops, equilibria and bounds."""
 
 import numpy as np
 import pytest
-from bench import PERIOD, Bench
+from experiments.contact.force_judge import free_drift_speed
+from force_loop import gains_of, simulate, spring
 
-from saphari_drake.control.contact.impedance import (
-    ContactImpedanceController,
-    ContactImpedanceParameters,
+from saphari_drake.control.contact.law import (
     ImpedanceGains,
+    contact_force_torque,
     contact_impedance_torque,
+    observable_part,
 )
-from saphari_drake.control.contact.terms import TorqueTerms, posture_torque
-from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.control.contact.parameters import ContactImpedanceParameters
 from saphari_drake.estimation.contact_force import ContactForceParameters, estimate_contact_force
-from saphari_drake.math.saturation import limit_torque
 from saphari_drake.math.task_space import consistent_inverse
-from saphari_drake.messages import ContactPoint, Interaction, InteractionMode
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 
-HOLD, CONTACT, RETURN, YIELD, STOP = InteractionMode
 M_D = np.diag([20.0, 3.0, 10.0])
 MAX_MASS = ContactImpedanceParameters().max_effective_mass
 RCOND = ContactForceParameters().rcond
 INERTIAS = [pytest.param(None, id="natural"), pytest.param(M_D, id="chosen")]
+FORCE_INERTIAS = [pytest.param([], id="natural"), pytest.param([10.0, 8.0, 12.0], id="chosen")]
 
 
 def gains(M_d=None, K_N=20.0, lever=0.03):
@@ -60,7 +56,7 @@ def motion(terms, point, torque, F):
     return vdot, point.Jv_WC @ vdot + point.Jdotv_WC
 
 
-# ---- the law -------------------------------------------------------------------------------------------------------
+# ---- the impedance law ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("M_d", INERTIAS)
@@ -209,218 +205,101 @@ def test_bounded_as_a_direction_is_lost(lwr4, link):
         assert np.linalg.norm(parts.force) <= reach * (MAX_MASS * np.linalg.norm(law.M_d_inv @ F) + np.linalg.norm(F))
 
 
-def test_posture_torque_is_computed_torque(lwr4):
-    """q̈ = K (q_d − q) − D q̇, each joint for itself, the light wrist included."""
-    K, D = np.linspace(100.0, 250.0, 7), np.linspace(10.0, 30.0, 7)
-    for _, _, terms, _, _ in samples(lwr4, [0], 10):
-        torque = posture_torque(terms, lwr4.home, K, D).total()
-        vdot = np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
-        np.testing.assert_allclose(vdot, K * (lwr4.home - terms.q) - D * terms.v, atol=1e-6)
+def contacts(robot, links, count=60, seed=0):
+    """Random states and points of links, with a force and a desired force."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        terms = evaluate_dynamics(robot, rng.uniform(robot.q_min, robot.q_max), rng.uniform(-1, 1, robot.n))
+        point = terms.point(int(rng.choice(links)), np.append(rng.uniform(-0.06, 0.06, 2), rng.uniform(0.0, 0.2)))
+        yield terms, point, rng.uniform(-20.0, 20.0, 3), rng.uniform(-20.0, 20.0, 3)
 
 
-def test_limits_cut_and_report():
-    torque, excess = limit_torque(np.array([5.0, -5.0, 1.0]), np.array([3.0, 4.0, 2.0]))
-    np.testing.assert_array_equal(torque, [3.0, -4.0, 1.0])
-    np.testing.assert_array_equal(excess, [2.0, -1.0, 0.0])
+def mobility(terms, point):
+    return point.Jv_WC @ np.linalg.solve(terms.M, point.Jv_WC.T)
 
 
-def test_torque_that_is_not_a_number_is_refused():
-    """Clipping alone would pass it on to the joints."""
-    with pytest.raises(StateError, match="torque"):
-        limit_torque(np.array([1.0, np.nan]), np.ones(2))
+def contact_acceleration(terms, point, torque, F):
+    vdot = np.linalg.solve(terms.M, torque - terms.Cv - terms.g + point.Jv_WC.T @ F)
+    return point.Jv_WC @ vdot + point.Jdotv_WC
 
 
-# ---- the system ----------------------------------------------------------------------------------------------------
+# ---- the force law -------------------------------------------------------------------------------------------------
 
 
-class Controlled(Bench):
-    """A controller with a robot whose state is set by hand."""
-
-    def __init__(self, robot, q=None, v=None, **params):
-        self.robot = robot
-        self.q = robot.home if q is None else q
-        self.v = np.zeros(7) if v is None else v
-        super().__init__(
-            ContactImpedanceController(robot, ContactImpedanceParameters(**params)),
-            dynamics=evaluate_dynamics(robot, self.q, self.v),
-            interaction=self.mode(HOLD),
-            contact_force=np.zeros(3),
-            misfit=np.zeros(7),
-        )
-
-    def mode(self, mode, onset=0, link=5):
-        """An interaction whose posture was latched at home."""
-        answered = mode in (CONTACT, RETURN)
-        point = ContactPoint(found=True, link=link, p_LC=np.array([0.05, 0.0, 0.06])) if answered else ContactPoint()
-        return Interaction(mode, point, self.robot.home, onset)
-
-    @property
-    def terms(self):
-        return TorqueTerms(*self.read("torque_terms").reshape(-1, 7))
-
-    @property
-    def torque(self):
-        return self.read("torque_commanded")
+@pytest.mark.parametrize("M_d", FORCE_INERTIAS)
+def test_closed_loop_of_the_force(lwr4, M_d):
+    """M_d ẍ + K_d ẋ = K_f (F − F_d) for an exact F̂, with M_d = Λ for the natural inertia."""
+    gains, tested = gains_of(lwr4, M_d=M_d, K_f=[4.1, 3.0, 2.0], K_d=[10.5, 20.0, 5.0]), 0
+    for terms, point, F, F_d in contacts(lwr4, [3, 4, 5, 6], 100):
+        if np.linalg.eigvalsh(mobility(terms, point))[0] < 1.0 / MAX_MASS:
+            continue
+        parts, commanded = contact_force_torque(terms, point, F, F_d, np.zeros(7), gains)
+        a = contact_acceleration(terms, point, parts.total(), F)
+        mass = np.diag(M_d) if M_d else consistent_inverse(point.Jv_WC, terms.M, MAX_MASS).Lambda
+        np.testing.assert_allclose(mass @ a + gains.K_d @ point.v_WC, gains.K_f @ (F - F_d), atol=1e-7)
+        np.testing.assert_allclose(commanded, a, atol=1e-7)
+        tested += 1
+    assert tested > 60
 
 
-@pytest.fixture
-def moving(lwr4):
-    """A robot a little away from its latched posture, in motion, in each mode that is asked for."""
-    rng = np.random.default_rng(2)
-    q, v = lwr4.home + rng.uniform(-0.05, 0.05, 7), rng.uniform(-0.3, 0.3, 7)
-
-    def start(mode, **params):
-        bench = Controlled(lwr4, q, v, **params)
-        bench.set(interaction=bench.mode(mode), contact_force=[5.0, -8.0, 3.0], misfit=0.1 * np.ones(7))
-        return bench
-
-    return start
-
-
-def power(bench, torque):
-    """Power of a torque beside gravity, which stores it, and Coriolis forces, which turn it."""
-    terms = bench.terms
-    return bench.v @ (torque - terms.gravity - terms.coriolis)
-
-
-@pytest.mark.parametrize("mode", [YIELD, STOP])
-def test_yielding_and_stopping_are_passive(moving, mode):
-    """They only take energy out: q̈ = −D q̇ without contact, and at rest gravity compensation alone is left."""
-    bench = moving(mode, yield_damping=10.0)
-    M = bench.system.GetInputPort("dynamics").Eval(bench.context).M
-    assert power(bench, bench.torque) == pytest.approx(-10.0 * bench.v @ M @ bench.v)
-    still = Controlled(bench.robot, bench.q)
-    still.set(interaction=still.mode(mode), contact_force=[50.0, 0.0, 0.0])
-    np.testing.assert_allclose(still.torque, still.terms.gravity, atol=1e-12)
+@pytest.mark.parametrize("M_d", FORCE_INERTIAS)
+@pytest.mark.parametrize("link", [0, 1, 2])
+def test_where_a_point_cannot_move_there_is_no_torque(lwr4, link, M_d):
+    """On links 1 to 3 a desired force in unobservable directions changes nothing."""
+    gains = gains_of(lwr4, M_d=M_d)
+    for terms, point, F, F_d in contacts(lwr4, [link]):
+        estimate = estimate_contact_force(point.Jv_WC, point.Jv_WC.T @ F, RCOND)
+        hidden = estimate.unobservable
+        assert estimate.rank < 3
+        kept = observable_part(F_d, hidden)
+        np.testing.assert_allclose(hidden.T @ kept, 0.0, atol=1e-12)
+        if np.linalg.norm(point.Jv_WC.T @ hidden) > 1e-9:
+            continue
+        whole, part = (contact_force_torque(terms, point, estimate.F_W, f, np.zeros(7), gains)[0] for f in (F_d, kept))
+        np.testing.assert_allclose(hidden.T @ contact_acceleration(terms, point, part.total(), F),
+                                   hidden.T @ point.Jdotv_WC, atol=1e-6)  # fmt: skip
+        if not M_d:
+            np.testing.assert_allclose(whole.total(), part.total(), atol=1e-6)
 
 
-def test_contact_answers_with_the_law_at_the_latched_point(moving, lwr4):
-    """x_d is where the point of the body was when the contact began."""
-    bench = moving(CONTACT, M_d=[20.0, 3.0, 10.0])
-    contact = bench.mode(CONTACT).contact
-    terms = evaluate_dynamics(lwr4, bench.q, bench.v)
-    point = terms.point(contact.link, contact.p_LC)
-    p_desired = point_position(lwr4, lwr4.home, contact.link, contact.p_LC)
-    law = ImpedanceGains(500.0 * np.eye(3), 80.0 * np.eye(3), np.linalg.inv(M_D), np.full(7, 20.0), 0.03, MAX_MASS)
-    expected = contact_impedance_torque(terms, point, p_desired, np.array([5.0, -8.0, 3.0]), 0.1 * np.ones(7), law)
-    for actual, part in zip(bench.terms, expected, strict=True):
-        np.testing.assert_allclose(actual, part, atol=1e-12)
-    np.testing.assert_array_equal(bench.read("position_error"), p_desired - point.p_WC)
-    np.testing.assert_array_equal(bench.read("contact_position"), point.p_WC)
+def test_self_motion_under_force_control_is_damped_and_leaves_the_contact_alone(lwr4):
+    gains = gains_of(lwr4)
+    for terms, point, F, F_d in contacts(lwr4, [3, 4, 5, 6]):
+        torque = contact_force_torque(terms, point, F, F_d, np.zeros(7), gains)[0].null_space
+        assert terms.v @ torque <= 1e-9
+        if np.linalg.eigvalsh(mobility(terms, point))[0] > 1.0 / MAX_MASS:
+            np.testing.assert_allclose(point.Jv_WC @ np.linalg.solve(terms.M, torque), 0.0, atol=1e-8)
 
 
-def test_return_is_the_same_law_as_contact(moving):
-    np.testing.assert_array_equal(moving(RETURN).torque, moving(CONTACT).torque)
+# ---- the loop of force control with a hand -------------------------------------------------------------------------
 
 
-def test_hold_pulls_to_the_latched_posture(moving, lwr4):
-    bench = moving(HOLD)
-    expected = posture_torque(evaluate_dynamics(lwr4, bench.q, bench.v), lwr4.home, np.full(7, 225.0), np.full(7, 30.0))
-    np.testing.assert_allclose(bench.torque, limit_torque(expected.total(), lwr4.tau_max)[0], atol=1e-12)
-    np.testing.assert_array_equal(bench.read("position_error"), 0.0)
+def aligned(F):
+    return 15.0 * F / max(np.linalg.norm(F), 1e-9)
 
 
-@pytest.mark.parametrize("after", InteractionMode)
-@pytest.mark.parametrize("before", InteractionMode)
-def test_change_of_mode_makes_no_jump_and_fades(moving, before, after):
-    """The torque goes on from where it was, and tends to that of the new law with the transition time."""
-    fade = 0.1
-    bench, alone = moving(before, transition_time=fade), moving(after)
-    bench.run(3)
-    old, new = bench.torque, alone.torque
-    bench.set(interaction=bench.mode(after, onset=1))
-    np.testing.assert_allclose(bench.torque, old, atol=1e-9)
-    for k in range(1, 200):
-        bench.run()
-        expected = new + (old - new) * np.exp(-k * PERIOD / fade)
-        np.testing.assert_allclose(bench.torque, expected, atol=1e-9)
-    np.testing.assert_allclose(bench.torque, new, atol=1e-2)
+@pytest.mark.parametrize("M_d", FORCE_INERTIAS)
+def test_settles_at_15_N_against_a_resisting_hand(lwr4, M_d):
+    """A hand of 100 N/m and 20 Ns/m: 15.00 N and a robot at rest, from a push that was weaker or stronger."""
+    for F0 in (np.array([2.0, -5.0, 1.0]), np.array([-4.0, -22.0, 3.0])):
+        force, velocity = simulate(lwr4, gains_of(lwr4, M_d=M_d), spring(lwr4, 100.0, 20.0, F0), aligned, 3.5)
+        assert np.linalg.norm(force[-1]) == pytest.approx(15.0, abs=0.01)
+        assert np.linalg.norm(velocity[-1]) < 0.005
 
 
-def test_change_of_mode_during_a_transition_makes_no_jump_either(moving):
-    """The torque goes on from the one that acted in the cycle before."""
-    bench = moving(HOLD)
-    bench.run()
-    for onset, mode in enumerate((CONTACT, YIELD, CONTACT, STOP, HOLD), start=1):
-        bench.run(2)
-        before = bench.torque
-        bench.run()
-        bench.set(interaction=bench.mode(mode, onset))
-        np.testing.assert_allclose(bench.torque, before, atol=1e-9)
+def test_the_printed_sign_diverges(lwr4):
+    """K_f (F_d − F̂) pushes ever harder into a hand that gives more than 15 N."""
+    gains, hand = gains_of(lwr4)._replace(K_f=-4.1 * np.eye(3)), spring(lwr4, 100.0, 20.0, np.array([0.0, -25.0, 0.0]))
+    force, velocity = simulate(lwr4, gains, hand, aligned, 0.5)
+    assert np.linalg.norm(force, axis=1).max() > 60.0
+    assert velocity[:, 1].max() > 1.0
+    assert np.linalg.norm(simulate(lwr4, gains_of(lwr4), hand, aligned, 0.5)[0], axis=1).max() < 26.0
 
 
-def test_new_contact_point_on_another_link_makes_no_jump(moving):
-    bench = moving(CONTACT)
-    bench.run(2)
-    before = bench.torque
-    bench.set(interaction=bench.mode(CONTACT, onset=1, link=3))
-    np.testing.assert_allclose(bench.torque, before, atol=1e-9)
-
-
-def test_first_cycle_has_nothing_to_fade_from(moving):
-    np.testing.assert_array_equal(moving(HOLD).terms.transition, 0.0)
-
-
-def test_limits_are_applied_last_and_what_they_cut_is_reported(lwr4):
-    """commanded + excess = the sum of all terms, also while a transition fades."""
-    bench = Controlled(lwr4, lwr4.home + 0.6)
-    for onset, mode in enumerate((HOLD, CONTACT, YIELD, HOLD)):
-        bench.run(interaction=bench.mode(mode, onset), contact_force=[900.0, 900.0, -900.0])
-        total = bench.terms.total()
-        assert np.all(np.abs(bench.torque) <= lwr4.tau_max)
-        np.testing.assert_allclose(bench.torque + bench.read("torque_excess"), total, atol=1e-9)
-        np.testing.assert_array_equal(bench.torque, np.clip(total, -lwr4.tau_max, lwr4.tau_max))
-    assert np.any(Controlled(lwr4, lwr4.home + 0.6).read("torque_excess") != 0.0)
-
-
-def test_clone_of_the_context_goes_on_by_itself(moving):
-    bench = moving(HOLD)
-    bench.run()
-    bench.set(interaction=bench.mode(CONTACT, onset=1))
-    twin, before = bench.clone(), bench.torque
-    twin.run(5)
-    assert np.max(np.abs(twin.read("torque_commanded") - before)) > 0.1
-    np.testing.assert_array_equal(bench.torque, before)
-    bench.run(5)
-    np.testing.assert_array_equal(bench.torque, twin.read("torque_commanded"))
-
-
-def test_nan_force_stops_the_evaluation(moving):
-    """A lost estimate is no command."""
-    bench = moving(CONTACT, M_d=[20.0, 3.0, 10.0])
-    bench.set(contact_force=np.full(3, np.nan))
-    with pytest.raises(StateError, match="torque"):
-        bench.read("torque_commanded")
-
-
-# ---- parameters ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("K_p", -1.0),
-        ("K_p", [500.0, 500.0]),
-        ("K_d", [80.0, np.nan, 80.0]),
-        ("M_d", [20.0, 0.0, 10.0]),
-        ("M_d", [20.0, -3.0, 10.0]),
-        ("M_d", [20.0, 3.0]),
-        ("K_N", -20.0),
-        ("misfit_lever", -0.01),
-        ("hold_stiffness", -1.0),
-        ("hold_damping", np.inf),
-        ("yield_damping", [10.0, -1.0]),
-        ("transition_time", 0.0),
-        ("max_effective_mass", 0.0),
-        ("period", 0.0),
-    ],
-)
-def test_bad_parameters(name, value):
-    with pytest.raises(ParameterError, match=f"^{name}: "):
-        ContactImpedanceParameters(**{name: value})
-
-
-@pytest.mark.parametrize("name", ["K_N", "hold_stiffness", "hold_damping", "yield_damping"])
-def test_joint_gains_of_the_wrong_size(lwr4, name):
-    with pytest.raises(ParameterError, match=f"^{name}: needs 1 or 7 entries"):
-        ContactImpedanceController(lwr4, replace(ContactImpedanceParameters(), **{name: [1.0, 2.0]}))
+def test_drift_grows_as_predicted(lwr4):
+    """Nobody resists: |v_y| = (K_f 15/K_d)(1 − e^{−K_d t/M_yy}), against F_d, and nothing across."""
+    gains, F_d = gains_of(lwr4, M_d=[10.0, 10.0, 10.0]), np.array([0.0, 15.0, 0.0])
+    _, velocity = simulate(lwr4, gains, lambda p, v: np.zeros(3), lambda F: F_d, 0.2, cycles=1)
+    expected = free_drift_speed(15.0, 4.1, 10.5, 10.0, 0.001 * np.arange(200))
+    np.testing.assert_allclose(-velocity[:, 1], expected, atol=0.01)
+    np.testing.assert_allclose(velocity[:, [0, 2]], 0.0, atol=0.01)
