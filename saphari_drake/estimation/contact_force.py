@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import ContactPoint, status_of
+from saphari_drake.messages import ContactPoint, SystemStatus, status_of
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -122,7 +122,8 @@ class ContactForceEstimator(LeafSystem):
     def _estimate(self, context: Context) -> ContactForce:
         point: ContactPoint = self._point.Eval(context)
         r, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
-        if not (terms.finite and np.isfinite(r).all() and np.isfinite(point.p_LC).all()):
+        on_robot = 0 <= point.link < len(r) or not point.found
+        if not (terms.finite and on_robot and status_of(r, point.p_LC) == SystemStatus.OK):
             return ContactForce(np.full(3, np.nan), 0, np.eye(3), np.full(len(r), np.nan))
         if not point.found:
             return ContactForce(np.zeros(3), 0, np.eye(3), r)

@@ -5,6 +5,7 @@ import pytest
 from bench import PERIOD, Bench
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.messages import SystemStatus
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters, residual_noise
 
 
@@ -109,10 +110,12 @@ def test_lost_residual_is_no_proof_that_nobody_touches():
     """NaN counts as contact: an element of safety fails to the safe side."""
     bench = detector()
     bench.set(torque_external=joint(np.nan))
-    assert bench.read("contact") == 1.0
+    assert bench.read("contact") == 1.0 and bench.read("system_status") == SystemStatus.BAD_INPUT
     bench.run()
     bench.set(torque_external=joint(0.0))
-    assert bench.read("contact") == 1.0
+    assert bench.read("contact") == 1.0 and bench.read("system_status") == SystemStatus.OK
+    bench.run(20)
+    assert bench.read("contact") == 0.0
 
 
 def test_clone_of_the_context_goes_on_by_itself():
