@@ -14,7 +14,8 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.contact_localizer import ContactLocalizer, LocalizerParameters
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import LocalizerParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters
@@ -111,7 +112,7 @@ def add_contact_pipeline(
         detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
         localizer=add(
             "contact_localizer",
-            ContactLocalizer(robot, camera, params.localizer, background, params.joint_sensor.period),
+            ContactLocalizer(robot, [camera], params.localizer, [background], period=params.joint_sensor.period),
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.contact_localizer import background_depth
+from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.pipelines.contact import ContactPipeline, ContactPipelineParameters, add_contact_pipeline
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push
