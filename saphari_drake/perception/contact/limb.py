@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import tangents
 from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.math.products import symmetric_eigen
-from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
+from saphari_drake.math.products import cholesky, solve_lower, solve_upper, symmetric_eigen
 
 _ROUNDS = 12
 _PRIOR = 0.003  # weight of the first radius, as a share of all readings
@@ -102,7 +101,7 @@ def _errors(point, c, u, t, v, radius):
 
 @njit(cache=True)
 def _step(error, slope, scale, missing):
-    """Return the Gauss–Newton step (5,); `missing` (m) is how far the radius lies below its prior."""
+    """Return the Gauss–Newton step (5,), zero if there is none; `missing` (m): how far the radius lies below its prior."""
     A, L, g = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros(5)
     for i in range(error.shape[0]):
         weight = 1.0 / (1.0 + (error[i] / scale) ** 2)
@@ -117,7 +116,8 @@ def _step(error, slope, scale, missing):
         A[m, m] += 1e-9 * trace
         for l in range(m):
             A[l, m] = A[m, l]
-    cholesky(A, L)
+    if not cholesky(A, L):
+        return np.zeros(5)
     solve_lower(L, g, 5)
     solve_upper(L, g, 5)
     return g
