@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.primitives import BOX, CAPSULE, surface_point
+from saphari_drake.math.primitives import BOX, CAPSULE, Primitives, surface_point
 from saphari_drake.perception.camera.frames import link_poses
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.shapes import LinkShapes
@@ -125,26 +125,22 @@ def _ever_free(
         q = robot.home if k == 0 else rng.uniform(low, high)
         R_WL, p_WL = link_poses(robot, q)
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
-        _add_free(shapes.kind, shapes.size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free)
+        p_W = p_WL[link] + np.einsum("mij,mj->mi", R_WL[link], p_L)
+        _add_free(Primitives(shapes.kind, shapes.size, shapes.link, R_WS, p_WS), own, p_W, free)
     return free
 
 
 @njit(cache=True)
-def _add_free(kind, size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free):
-    """Mark the points that lie outside all shapes but their own in one posture."""
-    p = np.empty(3)
+def _add_free(shapes, own, p, free):
+    """Mark the points p (m, 3) that lie outside all shapes but their own in one posture."""
     for i in range(own.shape[0]):
-        if free[i]:
-            continue
-        R = R_WL[link[i]]
-        for k in range(3):
-            p[k] = p_WL[link[i], k] + R[k, 0] * p_L[i, 0] + R[k, 1] * p_L[i, 1] + R[k, 2] * p_L[i, 2]
-        covered = False
-        for s in range(kind.shape[0]):
-            if s != own[i] and surface_point(kind[s], size[s], R_WS[s], p_WS[s], p)[0] <= -_COVER:
-                covered = True
+        covered = free[i]
+        for s in range(shapes.kind.shape[0]):
+            if covered:
                 break
-        free[i] = not covered
+            if s != own[i]:
+                covered = surface_point(shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s], p[i])[0] <= -_COVER
+        free[i] = free[i] or not covered
 
 
 def _spread(points: Array, count: int) -> NDArray[np.int64]:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
 
+Array = NDArray[np.float64]
+
 # Candidates whose free least squares costs so much more than the best one's, or than that of so many others, decide
 # nothing: their cone is left out.
 _NARROW = 60.0
@@ -43,14 +45,6 @@ class Work(NamedTuple):
 def work():
     """Return empty scratch."""
     return Work(np.empty((3, 3)), np.empty(3), np.empty(3))
-
-
-@njit(cache=True)
-def _column(S, j, p, c):
-    """Fill c (3,) with column j of the Jacobian of a point p (m); S (n, 6) are the joint axes."""
-    c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
-    c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
-    c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
 
 
 @njit(cache=True)
@@ -102,15 +96,15 @@ def touch_cost(parent, S, link, p, inward, r, model, work):
     sigma, cell, (H, b, F) = model.sigma, model.cell, work
     misfit = (rr + cone_minimum(H, b, inward, model.mu, F)) / (sigma * sigma)
     if cell > 0.0:
-        t, u, c = np.empty(3), np.empty(3), np.empty(3)
+        t, u = np.empty(3), np.empty(3)
         tangents(inward, t, u)
         k = (sigma / cell) ** 2
         d00, d01, d11, e0, e1 = k, 0.0, k, 0.0, 0.0
         j = link
         while j >= 0:
-            _column(S, j, p, c)
-            e = r[j] - c[0] * F[0] - c[1] * F[1] - c[2] * F[2]
-            # A shift δ of the point changes torque j by F · (ω × δ) = δ · (F × ω).
+            # Torque j of F at p, and what a shift δ of the point changes in it: F · (ω × δ) = δ · (F × ω).
+            e = r[j] - F[0] * (S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1])
+            e -= F[1] * (S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]) + F[2] * (S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0])
             x = F[1] * S[j, 2] - F[2] * S[j, 1]
             y = F[2] * S[j, 0] - F[0] * S[j, 2]
             z = F[0] * S[j, 1] - F[1] * S[j, 0]
@@ -157,23 +151,14 @@ def residual_costs(parent, S, link, p, a, r, model):
     return misfit, spread
 
 
-@njit(cache=True)
-def best_apart(cost, p, count, apart):
+def best_apart(cost: Array, p: Array, count: int, apart: float) -> list[int]:
     """Return the indices of up to `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another."""
-    chosen = np.empty(count, np.int64)
-    left = np.ones(cost.shape[0], np.bool_)
-    for k in range(count):
-        best = -1
-        for c in range(cost.shape[0]):
-            if left[c] and (best < 0 or cost[c] < cost[best]):
-                best = c
-        if best < 0:
-            return chosen[:k]
-        chosen[k] = best
-        for c in range(cost.shape[0]):
-            x, y, z = p[c, 0] - p[best, 0], p[c, 1] - p[best, 1], p[c, 2] - p[best, 2]
-            if x * x + y * y + z * z < apart * apart:
-                left[c] = False
+    chosen: list[int] = []
+    left = np.array(cost)
+    while len(chosen) < count and np.isfinite(left.min()):
+        chosen.append(int(np.argmin(left)))
+        away = p - p[chosen[-1]]
+        left[np.einsum("ij,ij->i", away, away) < apart * apart] = np.inf
     return chosen
 
 

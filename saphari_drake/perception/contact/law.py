@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.math.primitives import Primitives
 from saphari_drake.perception.camera.frames import Instant, instant
+from saphari_drake.perception.camera.model import CameraParameters, pinhole
 from saphari_drake.perception.contact import evidence as kernels
 from saphari_drake.perception.contact.candidates import rounded, surface_candidates
 from saphari_drake.perception.contact.forces import ContactForces, in_world
@@ -55,12 +56,18 @@ class ContactFusionLaw:
         self._model = kernels.ForceModel(params.torque_sigma, params.force_scale, params.friction, 0.4 * c.spacing)
         self._steps = c.spacing * np.array([0.5, 0.2, 0.08])
 
-    def compile(self, view: View) -> None:
+        self._compile()
+
+    def _compile(self) -> None:
         """Run every kernel once, so that no later call compiles."""
-        rng, robot = np.random.default_rng(0), self.robot
+        rng, robot, x = np.random.default_rng(0), self.robot, np.ones((1, 3))
         at = instant(robot, 0.0, robot.home, rng.normal(size=robot.n) * 10.0)
-        memory = self.remember(self.empty(), self.evidence(at, [view]))
+        memory = self.remember(self.empty(), self.evidence(at))
         self.decide(memory)
+        depth = np.ones((8, 8), np.float32)
+        depth.flags.writeable = False  # as views have it
+        kernels.share_free(x, x, depth, pinhole(CameraParameters(8, 8)), np.eye(3), np.zeros(3))
+        kernels.nearest_distances(x, x, 0.01, *np.ones((3, 1), np.float32))
         link, normal = int(self.candidates.link[-1]), np.ones(3) / np.sqrt(3.0)
         ends = [Mode(link, sign * normal, normal, 0.0, True, 0.0, 0.01) for sign in (1.0, -1.0)]
         self._forces.pair(memory, ends, ends, ends[0])
@@ -90,7 +97,7 @@ class ContactFusionLaw:
         p, free = self.params, np.zeros(len(x))
         if not views:
             return free
-        for camera, depth in ((view.camera, view.depth) for view in views):
+        for camera, depth in ((view.camera, view.person.depth) for view in views):
             free = np.maximum(free, kernels.share_free(x, a, depth, camera.pinhole, camera.R_WC, camera.p_WC))
         points = np.concatenate([view.person.points for view in views])
         if len(points) == 0:

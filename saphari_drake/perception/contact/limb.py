@@ -39,7 +39,7 @@ class Limb(NamedTuple):
 def readings_around(point, p, radius, most):
     """Return up to about `most` of the points (k, 3) within `radius` (m) of p (3,), evenly taken."""
     near = point[np.sum((point - p) ** 2, axis=1) < radius * radius]
-    return near[:: near.shape[0] // most + 1]
+    return near[:: near.shape[0] // most + 1].copy()
 
 
 @njit(cache=True)
@@ -101,7 +101,7 @@ def _errors(point, c, u, t, v, radius):
 
 @njit(cache=True)
 def _step(error, slope, scale, missing):
-    """Return the Gauss–Newton step (5,), zero if there is none; `missing` (m): how far the radius lies below its prior."""
+    """Return the Gauss–Newton step (5,), or zero; `missing` (m) is how far the radius lies below its prior."""
     A, L, g = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros(5)
     for i in range(error.shape[0]):
         weight = 1.0 / (1.0 + (error[i] / scale) ** 2)

@@ -54,11 +54,6 @@ class _Memory(Immutable):
     fusion: Fusion = NOTHING
 
     @property
-    def human_points(self) -> Array:
-        """The person's points (k, 3) that the cameras see."""
-        return np.concatenate([camera.points for camera in self.cameras]) if self.cameras else _NOBODY
-
-    @property
     def status(self) -> CameraStatus:
         """The worst of the cameras."""
         return max((camera.status for camera in self.cameras), key=_WORST_LAST.index, default=CameraStatus.WAITING)
@@ -159,10 +154,9 @@ class ContactLocalizer(LeafSystem):
         self._tracker = ContactTracker(robot, self._params)
         self._law = None if fusion is None else ContactFusionLaw(robot, fusion)
         self._kept = int(np.ceil(self._params.memory / period)) + 1
-        self._compile()
         self._frames = DepthFrames(self, robot, cameras)
         self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
-        self._state = self.DeclareAbstractState(AbstractValue.Make(self._without_contact(_Memory())))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         self._declare_outputs()
 
@@ -170,7 +164,7 @@ class ContactLocalizer(LeafSystem):
         ports = {
             "contact_point": lambda m: m.track.contact,
             "camera_status": lambda m: [float(m.status)],
-            "human_points": lambda m: m.human_points,
+            "human_points": lambda m: np.concatenate([_NOBODY, *(camera.points for camera in m.cameras)]),
         }
         if self._law is not None:
             ports |= {
@@ -181,20 +175,7 @@ class ContactLocalizer(LeafSystem):
                 "other_mode": lambda m: contact_point(m.fusion.second, m.stamp),
                 "other_mode_weight": lambda m: [m.fusion.second_weight],
             }
-        ticket = self.abstract_state_ticket(self._state)
-        declare_outputs(self, self._memory, ticket, self._without_contact(_Memory()), ports)
-
-    def _compile(self) -> None:
-        """Look at images that show something everywhere, which compiles every kernel."""
-        robot = self._robot
-        at = instant(robot, 0.0, robot.home, np.full(robot.n, 100.0))
-        link, p_L = int(robot.shapes.link.max()), np.zeros(3)
-        for finder in self._finders:
-            depth = np.full(finder.camera.limit.shape, 0.5, dtype=np.float32)
-            view = finder.look(depth, at.R_WL, at.p_WL)
-        self._tracker.after(ContactTrack(), [Place(link, 0.0, *robot.shapes.nearest_on(link, p_L))], at)
-        if self._law is not None:
-            self._law.compile(view)
+        declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), _Memory(), ports)
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
@@ -209,7 +190,7 @@ class ContactLocalizer(LeafSystem):
         )
         memory = self._with_frames(context, memory)
         if all(camera.status != CameraStatus.OK for camera in memory.cameras):
-            memory = self._without_contact(memory)
+            memory = replace(memory, track=ContactTrack(), evidence=None, fusion=NOTHING)
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
         return EventStatus.Succeeded()
 
@@ -253,17 +234,13 @@ class ContactLocalizer(LeafSystem):
 
     def _decided(self, memory: _Memory, views: list[View], at: Instant) -> _Memory:
         """Return the memory with the contact that new views show."""
-        if self._law is not None and memory.evidence is not None:
-            evidence = self._law.remember(memory.evidence, self._law.evidence(at, views))
+        if self._law is not None:
+            evidence = self._law.remember(memory.evidence or self._law.empty(), self._law.evidence(at, views))
             return replace(memory, evidence=evidence, fusion=self._law.decide(evidence))
         places = min((view.places for view in views), key=_distance)
         if _distance(places) >= self._params.gate > min(_distance(camera.places) for camera in memory.cameras):
             return memory  # another camera sees the contact
         return replace(memory, track=self._tracker.after(memory.track, places, at))
-
-    def _without_contact(self, memory: _Memory) -> _Memory:
-        evidence = None if self._law is None else self._law.empty()
-        return replace(memory, track=ContactTrack(), evidence=evidence, fusion=NOTHING)
 
 
 def _distance(places: Sequence[Place]) -> float:

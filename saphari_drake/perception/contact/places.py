@@ -11,6 +11,7 @@ from saphari_drake.math.primitives import Primitives, nearest_surface_point
 from saphari_drake.perception.contact.limb import Limb, fit_limb, limb_contact, readings_around
 from saphari_drake.perception.contact.nearest import away_from, behind_the_view, soft_minimum
 from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.perception.segmentation.person import Readings
 from saphari_drake.perception.segmentation.robot_filter import Depth, Person, RobotFilter
 
 Array = NDArray[np.float64]
@@ -62,7 +63,6 @@ class View(NamedTuple):
     """What one camera shows at one instant."""
 
     camera: RobotFilter
-    depth: Depth
     person: Person
     places: list[Place]
     gate: float  # m; distance of the person below which a contact is possible
@@ -112,6 +112,17 @@ class PlaceFinder:
 
     def __init__(self, camera: RobotFilter, params: LocalizerParameters) -> None:
         self.camera, self.params = camera, params
+        self._compile()
+
+    def _compile(self) -> None:
+        """Run every kernel once, so that no later call compiles."""
+        s, spread = self.camera.shapes, np.random.default_rng(0).normal(size=(40, 3))
+        shapes = Primitives(s.kind, s.size, s.link, s.R_LS, s.p_LS)
+        readings = Readings(s.p_LS[-1] + 0.01 * spread, np.zeros(40), np.full(40, s.count - 1))
+        link, _, p_C, extent = soft_minimum(readings, shapes, 6, 0.005, 0.05, 1)
+        behind_the_view(shapes, link, p_C, extent, 1.5, 0.01, 0.02)
+        away_from(readings, p_C, 0.1)
+        limb_contact(shapes, fit_limb(readings_around(readings.point, p_C, 1.0, 40)), 0.003)
 
     def look(self, depth: Depth, R_WL: Array, p_WL: Array, count: int = 1, apart: float = 0.12) -> View:
         """Find up to `count` places where the person is near the robot, nearest first.
@@ -153,7 +164,7 @@ class PlaceFinder:
             if distance > p.gate:
                 break
             readings = away_from(readings, p_C, apart)
-        return View(camera, depth, person, places, p.gate)
+        return View(camera, person, places, p.gate)
 
     def _with_limb(self, thin: _Seen, readings: Array, p_C: Array, width: float, shapes: Primitives) -> list[_Seen]:
         """Return the explanation as something thin, and that as a limb around p_C if one suits the readings."""

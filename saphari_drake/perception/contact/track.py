@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.messages import ContactPoint, Immutable
-from saphari_drake.perception.camera.frames import Instant
+from saphari_drake.perception.camera.frames import Instant, instant
 from saphari_drake.perception.contact.correction import corrected_point
 from saphari_drake.perception.contact.parameters import LocalizerParameters
 from saphari_drake.perception.contact.places import Place
@@ -70,6 +70,9 @@ class ContactTracker:
 
     def __init__(self, robot: RobotModel, params: LocalizerParameters) -> None:
         self._robot, self._params = robot, params
+        at = instant(robot, 0.0, robot.home, np.full(robot.n, 100.0 * params.felt * params.torque_sigma))
+        link = int(robot.shapes.link.max())
+        self.after(ContactTrack(), [Place(link, 0.0, *robot.shapes.nearest_on(link, np.zeros(3)))], at)  # compiles
 
     def after(self, track: ContactTrack, seen: Sequence[Place], at: Instant) -> ContactTrack:
         """Return the track after a frame that shows the explanations `seen` of the person's nearest place."""

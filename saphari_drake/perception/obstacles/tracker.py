@@ -100,8 +100,7 @@ class ObstacleTracker(LeafSystem):
         self._background = None if background is None else np.isfinite(background)
         self._frame_period = 1.0 / camera.rate
         self._kept = int(np.ceil((self._params.timeout + self._frame_period) / self._params.period)) + 2
-        # Every kernel is compiled here, by an image that shows something everywhere.
-        self._points(np.full((camera.height, camera.width), camera.near, dtype=np.float32), robot.home)
+        link_poses(robot, robot.home)  # compiles
         self._frames = DepthFrames(self, robot, [camera])
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)

@@ -27,8 +27,9 @@ class RobotDistance(NamedTuple):
 
 
 @njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
-def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
+def _shape_row(shapes, s, z, x, y, best, owner):
     """Lower `best` (m) to the distance of the points (x z, y z, z) to shape s, which then owns them."""
+    kind, size, R, p = shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s]
     r, a, b, c = np.float32(size[0]), np.float32(size[0]), np.float32(size[1]), np.float32(size[2])
     px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
     R00, R10, R20 = np.float32(R[0, 0]), np.float32(R[1, 0]), np.float32(R[2, 0])
@@ -84,7 +85,6 @@ def distances(z, limit, pinhole, shapes, region, tuning):
     region : Region
     tuning : Tuning
     """
-    kind, size, _, R_CS, p_CS = shapes
     r0, c0, c1 = region.r0, region.c0, region.c1
     rows, cols = region.r1 - r0, c1 - c0
     infinite, none = np.float32(np.inf), np.int32(-1)
@@ -109,11 +109,11 @@ def distances(z, limit, pinhole, shapes, region, tuning):
         if first == last:
             continue
         best_row, owner_row = best[i], owner[i]
-        for s in range(kind.shape[0]):
+        for s in range(shapes.kind.shape[0]):
             a, b = max(region.left[s, r], c0 + first), min(region.right[s, r], c0 + last)
             if a < b:
-                _shape_row(kind[s], size[s], R_CS[s], p_CS[s], s, line[a - c0 : b - c0], pinhole.x[a:b], pinhole.y[r],
-                           best_row[a - c0 : b - c0], owner_row[a - c0 : b - c0])  # fmt: skip
+                near = slice(a - c0, b - c0)
+                _shape_row(shapes, s, line[near], pinhole.x[a:b], pinhole.y[r], best_row[near], owner_row[near])
         weak_row = weak[i + BORDER, BORDER : BORDER + cols]
         strong_row = strong[i + BORDER, BORDER : BORDER + cols]
         for j in range(first, last):

@@ -109,9 +109,7 @@ def _box(mask):
 
 @njit(cache=True)
 def human_mask(z, near_robot, region, tuning):
-    """Return the person's pixels, and first and last row and column (excluded) of the mask between which they all lie.
-
-    They are near a strong one, supported by their neighbours, and in a large component.
+    """Return the person's pixels: those near a strong one, supported by their neighbours, and in a large component.
 
     A pixel is supported by those in its window that are near a strong one too, at a depth that differs by less than
     `support_step` (m) times max((z / scale_depth)², least_scale). The mixed readings at the edge of an arm before the
@@ -126,7 +124,7 @@ def human_mask(z, near_robot, region, tuning):
     top, first = max(top - 2 * BORDER, 0), max(first - 2 * BORDER, 0)
     bottom, last = min(bottom + 2 * BORDER + 1, rows), min(last + 2 * BORDER + 1, cols)
     if bottom - top <= 2 * BORDER:
-        return human, (0, 0, 0, 0)
+        return human
     near = _window_sum(strong[top:bottom, first:last], BORDER)
     height, width = near.shape
     for r in range(height):
@@ -152,31 +150,17 @@ def human_mask(z, near_robot, region, tuning):
                         count += abs(z[i + r0, j + c0] - depth) < tolerance
             found[r, c] = count >= tuning.support
     _drop_small(found, tuning.component)
-    return human, (top + BORDER, bottom - BORDER, first + BORDER, last - BORDER)
+    return human
 
 
-@njit(cache=True)
-def person_readings(z, pinhole, near_robot, human, region, box, reach):
+def person_readings(z, pinhole, near_robot, human, region, reach):
     """Return the `Readings` of the person's pixels, as `human_mask` gives them, within `reach` (m) of the robot."""
-    best, owner, _, _ = near_robot
-    top, bottom, first, last = box
-    count = 0
-    for i in range(top, bottom):
-        line, near = human[i], best[i - BORDER]
-        for j in range(first, last):
-            count += line[j] > 0 and near[j - BORDER] < reach
-    point, distance, shape = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
-    k = 0
-    for i in range(top, bottom):
-        line, near, r = human[i], best[i - BORDER], region.r0 + i - BORDER
-        for j in range(first, last):
-            if line[j] > 0 and near[j - BORDER] < reach:
-                c = region.c0 + j - BORDER
-                depth = z[r, c]
-                point[k, 0], point[k, 1], point[k, 2] = pinhole.x[c] * depth, pinhole.y[r] * depth, depth
-                distance[k], shape[k] = near[j - BORDER], owner[i - BORDER, j - BORDER]
-                k += 1
-    return Readings(point, distance, shape)
+    near = (human[BORDER:-BORDER, BORDER:-BORDER] > 0) & (near_robot.best < reach)
+    i, j = np.divmod(np.flatnonzero(near), max(near.shape[1], 1))
+    row, column = i + region.r0, j + region.c0
+    depth = z[row, column]
+    point = np.column_stack([pinhole.x[column] * depth, pinhole.y[row] * depth, depth])
+    return Readings(point.astype(float), near_robot.best[i, j].astype(float), near_robot.owner[i, j].astype(np.int64))
 
 
 @njit(cache=True)

@@ -24,6 +24,7 @@ Depth = NDArray[np.float32]
 class Person(NamedTuple):
     """What one depth image shows of a person."""
 
+    depth: Depth  # (height, width) m, the image
     seen: float  # share of the robot's visible axis points that have a reading
     points: Array  # (k, 3) m, the person's points in the world
     readings: Readings  # those near the robot, in C
@@ -67,12 +68,14 @@ class RobotFilter:
             raise ParameterError("robot", f"at most 127 collision shapes are supported, got {shapes.count}")
         self.shapes, self.tuning, self.pinhole = shapes, params.tuning, pinhole(camera)
         X_WC = camera_pose(camera) if X_WC is None else X_WC
-        self.R_WC, self.p_WC = X_WC.rotation().matrix(), X_WC.translation()
+        self.R_WC, self.p_WC = np.ascontiguousarray(X_WC.rotation().matrix()), np.array(X_WC.translation())
         limit = np.full(size, np.inf)
         margin = params.background_margin * params.scale(background)
         np.subtract(background, margin, out=limit, where=np.isfinite(background))
         self.limit = limit.astype(np.float32)
         self._bounds = bounding_capsules(shapes.kind, shapes.size)
+        links = shapes.link.max(initial=0) + 1
+        self.person(np.zeros(size, np.float32), np.tile(np.eye(3), (links, 1, 1)), np.zeros((links, 3)))  # compiles
 
     def measured(
         self, depth: Depth, R_WL: Array, p_WL: Array, tuning: Tuning
@@ -95,13 +98,16 @@ class RobotFilter:
             Poses of the links when the image was taken.
         """
         tuning = self.tuning
+        depth = depth.view()
+        depth.flags.writeable = False  # as a port gives it: compiled passes know it by that
         shapes, region, near = self.measured(depth, R_WL, p_WL, tuning)
-        human, box = human_mask(depth, near, region, tuning)
+        human = human_mask(depth, near, region, tuning)
         points = human_points(depth, self.limit, self.pinhole, near.best, human, region, tuning)
         return Person(
+            depth,
             share_seen(depth, shapes, self._bounds, self.pinhole),
             self.in_world(points),
-            person_readings(depth, self.pinhole, near, human, region, box, tuning.reach),
+            person_readings(depth, self.pinhole, near, human, region, tuning.reach),
             shapes,
         )
 

@@ -1,5 +1,9 @@
 """The localizer in a diagram: time stamps, several cameras, hidden contacts, and what cannot be used."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from bench import Bench as SystemBench
@@ -458,3 +462,43 @@ def test_bad_arguments_are_named(scene):
         ContactLocalizer(scene.robot, [scene.camera], backgrounds=[np.zeros((3, 3), np.float32)])
     with pytest.raises(ParameterError, match="period"):
         ContactLocalizer(scene.robot, [scene.camera], period=0.0)
+
+
+FRESH = """
+import sys
+import numpy as np
+from bench import Bench
+from camera_scene import HandScene
+from numba.core.dispatcher import Dispatcher
+from pydrake.systems.sensors import ImageDepth32F
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import FusionParameters
+
+def compiled():
+    modules = [module for name, module in sys.modules.items() if name.startswith("saphari_drake.")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
+    return {k.py_func.__qualname__: len(k.signatures) for k in kernels.values()}
+
+scene = HandScene(radius=0.010)
+touch = scene.random_touch(np.random.default_rng(21))
+image = ImageDepth32F(640, 480)
+image.mutable_data[..., 0] = scene.image(touch.q, touch)
+for fusion in (None, FusionParameters()):
+    system = ContactLocalizer(scene.robot, [scene.camera], fusion=fusion)
+    before = compiled()
+    residual = np.full(scene.robot.n, 20.0)
+    bench = Bench(system, position_measured=touch.q, residual=residual, depth_image=image, image_time=0.0)
+    for time in (0.0, 0.01, 0.02):
+        bench.run(2, image_time=time)
+    assert bench.read("contact_point").found
+    after = compiled()
+    late = {name: (before[name], after[name]) for name in before if after[name] != before[name]}
+    assert not late, late
+"""
+
+
+def test_nothing_is_compiled_after_construction():
+    """In a new process: a touch needs no kernel, and no kind of argument, that construction has not prepared."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([sys.executable, "-c", FRESH], capture_output=True, text=True, env=environment)
+    assert ended.returncode == 0, ended.stderr

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from camera_scene import HandScene, noisy, place_finder
 
-from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, surface_point
+from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, surface_point
 from saphari_drake.perception.segmentation.distances import BORDER, _shape_row
 
 
@@ -16,7 +16,8 @@ def test_row_kernel_equals_exact_distances(kind):
     R, p = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.array([0.02, 0.1, 1.5])
     R *= np.linalg.det(R)
     best, owner = np.full(400, np.inf, np.float32), np.full(400, -1, np.int32)
-    _shape_row(kind, size, R, p, 3, z, x, y, best, owner)
+    shapes = Primitives(*(np.array([value] * 4) for value in (kind, size, 0, R, p)))
+    _shape_row(shapes, 3, z, x, y, best, owner)
     exact = [surface_point(kind, size, R, p, np.array([a * c, y * c, c], dtype=float))[0] for a, c in zip(x, z)]
     np.testing.assert_allclose(best, exact, atol=2e-6)
     assert np.all(owner == 3)
