@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from experiments.localization.judge import Row, Shown, judged_scene
+from experiments.localization.judge import Localizer, Row, Shown, judged_scene
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
@@ -19,8 +19,9 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.perception.contact.law import ContactFusionLaw
-from saphari_drake.perception.contact.vision import ContactVision
+from saphari_drake.perception.contact.places import PlaceFinder
 from saphari_drake.perception.segmentation.background import background_depth
+from saphari_drake.perception.segmentation.robot_filter import RobotFilter
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
@@ -65,7 +66,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     backgrounds = [
         background_depth(scenes.background(k, rng), scenario.localizer) for k in range(len(scenario.cameras))
     ]
-    law = ContactFusionLaw(scenes.robot, [], scenario.fusion)
+    law = ContactFusionLaw(scenes.robot, scenario.fusion)
     rows: list[Row] = []
     shown: list[Shown] = []
     drawn = count = 0
@@ -78,11 +79,12 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
         images = scenes.images(touches, touches[0].q)
         if not wanted(case, [scenes.visible(images[0], 0, touch, touches[0].q) for touch in touches]):
             continue
-        law.visions = tuple(
-            ContactVision(scenes.robot.shapes, camera, scenario.localizer, background)
+        filters = [
+            RobotFilter(scenes.robot.shapes, camera, scenario.localizer, background)
             for camera, background in zip(believed_cameras(scenario, rng), backgrounds)
-        )
-        judged, picture = judged_scene(scenario, scenes, law, touches, images, rng)
+        ]
+        localizer = Localizer(law, [PlaceFinder(camera, scenario.localizer) for camera in filters])
+        judged, picture = judged_scene(scenario, scenes, localizer, touches, images, rng)
         rows += judged
         shown += [picture] if count < SHOWN else []
         count += 1

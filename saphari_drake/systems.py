@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -78,3 +79,33 @@ def connect(builder: DiagramBuilder, *wires: tuple) -> None:
     for source, name, *targets in wires:
         for target in targets:
             builder.Connect(source.GetOutputPort(name), target.GetInputPort(name))
+
+
+def declare_outputs(
+    system: LeafSystem,
+    evaluate: Callable[[Context], Any],
+    ticket: DependencyTicket,
+    initial: object,
+    reads: Mapping[str, Callable[[Any], Any]],
+) -> None:
+    """Declare an output port for each ``name: read``, with ``read`` applied to what ``evaluate(context)`` returns.
+
+    What `read` makes of `initial` gives the port's type: a vector port for a sequence of numbers, otherwise an abstract
+    one. `ticket` is that of the state or cache entry which is evaluated.
+    """
+    for name, read in reads.items():
+        value = read(initial)
+        if np.ndim(value) == 1:
+            system.DeclareVectorOutputPort(
+                name,
+                BasicVector(len(value)),
+                lambda context, output, read=read: output.SetFromVector(read(evaluate(context))),
+                prerequisites_of_calc={ticket},
+            )
+        else:
+            system.DeclareAbstractOutputPort(
+                name,
+                alloc=lambda value=value: AbstractValue.Make(value),
+                calc=lambda context, output, read=read: output.set_value(read(evaluate(context))),
+                prerequisites_of_calc={ticket},
+            )

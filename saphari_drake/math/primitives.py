@@ -7,6 +7,8 @@ A primitive has a kind, three sizes and a pose: a capsule and a cylinder lie alo
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,16 @@ from saphari_drake.compiled import njit
 CAPSULE = 0
 CYLINDER = 1
 BOX = 2
+
+
+class Primitives(NamedTuple):
+    """Primitives of a robot's links, posed in one frame, for compiled passes."""
+
+    kind: NDArray[np.int64]  # (s,) CAPSULE, CYLINDER or BOX
+    size: NDArray[np.float64]  # (s, 3) m
+    link: NDArray[np.int64]  # (s,) that carries each (−1: fixed in the world)
+    R: NDArray[np.float64]  # (s, 3, 3)
+    p: NDArray[np.float64]  # (s, 3) m
 
 
 @njit(cache=True)

@@ -15,7 +15,8 @@ from saphari_drake.estimation.contact_force import ContactForceEstimator, Contac
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.contact_localizer import ContactLocalizer, LocalizerParameters
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import LocalizerParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
@@ -108,7 +109,8 @@ def add_contact_pipeline(
         observer=add("momentum_observer", MomentumObserver(robot, params.observer)),
         detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
         localizer=add(
-            "contact_localizer", ContactLocalizer(robot, camera, params.localizer, background, params.period)
+            "contact_localizer",
+            ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from saphari_drake.parameters import share_period
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.contact_localizer import background_depth
+from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.pipelines.contact import (
     ContactMeasurements,
     ContactPipeline,

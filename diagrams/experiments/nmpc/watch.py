@@ -9,9 +9,10 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from experiments.nmpc.jobs import NmpcJob
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.vision import LocalizerParameters, background_depth
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
 from saphari_drake.perception.obstacles.tracks import ObstacleTrackerParameters
+from saphari_drake.perception.segmentation.background import background_depth
+from saphari_drake.perception.segmentation.parameters import SegmentationParameters
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
@@ -33,7 +34,7 @@ class ObstacleWatch:
     # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
     camera: CameraParameters = field(default_factory=_ceiling_camera)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
-    vision: LocalizerParameters = field(default_factory=LocalizerParameters)
+    vision: SegmentationParameters = field(default_factory=SegmentationParameters)
     tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
 
 
