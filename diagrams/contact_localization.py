@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 from experiments.localization.judge import Localizer, Row, Shown, judged_scene
+from experiments.localization.parameters import KINDS
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
@@ -14,7 +15,7 @@ from experiments.localization.scenario import (
     build_scenes,
     scenario_for,
 )
-from experiments.localization.scenes import KINDS, ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, Touch
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError

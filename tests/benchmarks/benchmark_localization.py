@@ -18,8 +18,9 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from experiments.localization.parameters import KINDS, SceneParameters  # noqa: E402
 from experiments.localization.published import published_localization  # noqa: E402
-from experiments.localization.scenes import KINDS, ContactScenes, SceneParameters  # noqa: E402
+from experiments.localization.scenes import ContactScenes  # noqa: E402
 
 from saphari_drake.perception.camera.frames import instant  # noqa: E402
 from saphari_drake.perception.camera.model import CameraParameters  # noqa: E402

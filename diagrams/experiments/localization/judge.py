@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.localization.parameters import KINDS
 from experiments.localization.published import published_localization
+from experiments.localization.pushes import forces, torque_noise
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
-from experiments.localization.scenes import KINDS, ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, Touch
 from saphari_drake.perception.camera.frames import instant
 from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.places import PlaceFinder
@@ -65,8 +67,8 @@ def judged_scene(
     """Play the frames of one scene into the localizer and compare its last answer with the truth of each touch."""
     p, first, law = scenario.scenes, touches[0], localizer.law
     moving = rng.random() < scenario.moving
-    noise = scenes.torque_noise(rng, scenario.frames)
-    pushes = [scenes.forces(rng, touch, scenario.frames) for touch in touches]
+    noise = torque_noise(rng, scenes.robot.n, scenario.frames, scenes.params)
+    pushes = [forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
     memory, early = law.empty(), [NEVER] * len(touches)
     for k in range(scenario.frames):
         q = first.q + moving * first.v * k / scenario.cameras[0].rate

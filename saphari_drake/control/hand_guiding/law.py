@@ -241,8 +241,7 @@ class HandGuiding:
             if lost[c] > self.params.partial_share * np.sqrt(force @ force):
                 status = GuidingStatus.PARTIAL
             held_back = held_back or point.limited
-        if held_back:
-            status = GuidingStatus.LIMITED
+        status = GuidingStatus.LIMITED if held_back else status
         if law is None:
             status = GuidingStatus.HOLD if now.touches.ready else GuidingStatus.WAITING
         if not hands.known:

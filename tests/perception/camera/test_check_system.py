@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from bench import Bench
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.scenes import ContactScenes
 from pydrake.math import RigidTransform
 from pydrake.systems.sensors import ImageDepth32F
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.pushes import forces
+from experiments.localization.scenes import ContactScenes
 from scipy.spatial.distance import cdist
 
 from saphari_drake.math.friction_cone import cone_minimum
@@ -188,7 +190,7 @@ def seen_touch(scenes, law, seed):
         image = scenes.images([touch], touch.q)[0]
         if scenes.visible(image, 0, touch, touch.q):
             terms = scenes.poses(touch.q)
-            F = terms.R_WL[touch.link] @ scenes.forces(rng, touch, 1)[0]
+            F = terms.R_WL[touch.link] @ forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, touched(terms, touch.link, touch.p_L, F)
 
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from bench import Bench as SystemBench
 from camera_scene import HandScene, likeliest, noisy, place_finder
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.pushes import forces
+from experiments.localization.scenes import ContactScenes
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -356,7 +358,7 @@ def seen_touch(scenes, seed):
         image = scenes.images([touch], touch.q)[0]
         if scenes.visible(image, 0, touch, touch.q):
             terms = scenes.poses(touch.q)
-            F = terms.R_WL[touch.link] @ scenes.forces(rng, touch, 1)[0]
+            F = terms.R_WL[touch.link] @ forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, terms.point(touch.link, touch.p_L).Jv_WC.T @ F
 
 

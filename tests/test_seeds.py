@@ -11,7 +11,7 @@ from experiments.guiding.run import build
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.simulation import RunOptions
 
-DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 CLOCK = ("_ms_", "real_time_factor")  # in names of metrics that no run repeats
 SHORT = {"nmpc_manipulator": 0.3, "nmpc_mobile_manipulator": 0.2, "reverse_priority_planar": 0.5}
 SEEDED = {"nmpc_mobile_manipulator": {"human_seen"}, "reverse_priority_planar": {"three_level"}}

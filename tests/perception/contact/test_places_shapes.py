@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.scenes import ContactScenes
 
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.parameters import LocalizerParameters

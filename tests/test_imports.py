@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 WITHOUT_CAMERA = (
     "null_space_ball",
     "null_space_robustness",
