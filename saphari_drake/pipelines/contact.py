@@ -124,14 +124,13 @@ def add_contact_pipeline(
         (measured.position, p.localizer, "position_measured"),
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
-        (p.observer.GetOutputPort("torque_external"), p.localizer, "residual"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
     ):
         builder.Connect(source, target.GetInputPort(name))
     connect(
         builder,
         (p.dynamics, "dynamics", p.observer, p.monitor, p.force, p.controller, p.switch),
-        (p.observer, "torque_external", p.detector, p.force),
+        (p.observer, "torque_external", p.detector, p.force, p.localizer),
         (p.detector, "contact", p.monitor),
         (p.localizer, "contact_point", p.monitor),
         (p.localizer, "camera_status", p.monitor),

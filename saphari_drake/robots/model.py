@@ -175,6 +175,12 @@ class RobotModel:
         other.home = self.checked_vector(home, "home")
         return other
 
+    def __repr__(self) -> str:
+        """Return name, file, and each joint with its limits of position, speed and torque."""
+        limits = zip(self.joint_names, self.q_min, self.q_max, self.v_max, self.tau_max)
+        rows = [f"  {name}: {a:.3g} … {b:.3g}, speed {v:.3g}, torque {tau:.4g}" for name, a, b, v, tau in limits]
+        return "\n".join([f"RobotModel '{self.name}', {self.n} joints, {self.path.name}; rad or m:", *rows])
+
     # ---- questions ----------------------------------------------------------------------------------------------
 
     def checked_vector(self, value: ArrayLike, what: str) -> Array:

@@ -52,9 +52,9 @@ class ContactDetector(LeafSystem):
         input_ports:
         - torque_external
         output_ports:
-        - contact
         - ratio
         - system_status
+        - contact
 
     Ports
     -----

@@ -88,9 +88,3 @@ def point_jacobian(robot: RobotModel, at: Instant, link: int, p_L: Array) -> Arr
     """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
     zero = np.zeros((robot.n, 6))
     return Kinematics(at.R_WL, at.p_WL, at.S, zero, zero, robot.tree.parent).point(link, p_L).Jv_WC
-
-
-def link_poses(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    """Return R_WL (n, 3, 3) and p_WL (n, 3) of all links at joint positions `q` (n,)."""
-    at = instant(robot, 0.0, q)
-    return at.R_WL, at.p_WL

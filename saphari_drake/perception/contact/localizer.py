@@ -69,12 +69,12 @@ class ContactLocalizer(LeafSystem):
         - position_measured
         - depth_image
         - image_time
-        - residual
+        - torque_external
         output_ports:
         - contact_point
         - camera_status
         - human_points
-        - second_contact_point (this and the rest with `fusion` only)
+        - second_contact_point
         - contact_force
         - second_contact_force
         - other_mode
@@ -85,12 +85,13 @@ class ContactLocalizer(LeafSystem):
     position_measured : n (rad or m), from a joint sensor.
     depth_image : abstract `ImageDepth32F` (m), from a `DepthCameraSampler`; one a camera, see `DepthFrames`.
     image_time : 1 (s), the time at which that image was taken; a change says that a frame has arrived.
-    residual : n (Nm), optional, from `MomentumObserver`; positive along the torque that the person causes. One that is
-        not finite counts as none.
+    torque_external : n (Nm), optional, from `MomentumObserver`; positive along the torque that the person causes. One
+        that is not finite counts as none.
     contact_point : abstract `ContactPoint`; its distance is infinite where no camera sees the person there.
     camera_status : 1, the worst `CameraStatus` of all cameras, as a number.
     human_points : abstract (k, 3) array, points of the person in the world (m) in the last frames.
-    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen at once.
+    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen; this and the
+        rest with `fusion` only.
     contact_force, second_contact_force : 3 (N, world), of the person on the robot, inside the friction cone.
     other_mode : abstract `ContactPoint`, the best explanation at another place.
     other_mode_weight : 1, its probability against that of the contact (0–0.5): near 0.5 the contact is ambiguous.
@@ -155,7 +156,7 @@ class ContactLocalizer(LeafSystem):
         self._law = None if fusion is None else ContactFusionLaw(robot, fusion)
         self._kept = int(np.ceil(self._params.memory / period)) + 1
         self._frames = DepthFrames(self, robot, cameras)
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
+        self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         self._declare_outputs()

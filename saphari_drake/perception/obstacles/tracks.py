@@ -1,5 +1,6 @@
 """From clouds of points to few obstacle points with velocities: a moving k-means with an alpha–beta filter."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,8 @@ class ObstacleTrackerParameters:
             self, "period", "voxel", "spacing", "most", "gate", "alpha", "max_speed", "timeout", "least_points"
         )
         require_non_negative(self, "beta", "share", "thickness", "hold", "least_seen")
+        if not math.isfinite(self.lowest):
+            raise ParameterError("lowest", f"must be finite, got {self.lowest}")
         if self.alpha > 1.0 or self.beta > 1.0 or self.least_seen > 1.0:
             raise ParameterError("alpha", "alpha, beta and least_seen must not exceed 1")
 

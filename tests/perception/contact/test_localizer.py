@@ -102,7 +102,7 @@ def test_residual_of_the_frame_s_own_time_moves_the_point(bench_scene, finder):
         bench.set("position_measured", touch.q)
         for time, value in changes:
             bench.advance(time)
-            bench.set("residual", value)
+            bench.set("torque_external", value)
         bench.advance(0.05)
         bench.frame(image, 0.02)
         bench.advance(0.06)
@@ -221,7 +221,7 @@ def test_residual_that_is_not_finite_counts_as_none(bench_scene):
         bench = Bench(scene)
         bench.set("position_measured", touch.q)
         if r is not None:
-            bench.set("residual", r)
+            bench.set("torque_external", r)
         bench.frame(image, 0.0)
         bench.advance(0.011)
         points.append(bench.get("contact_point").p_LC)
