@@ -25,7 +25,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.people.force_recording import read_force_recording
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.people.recorded_push import RecordedPush, RecordedPushParameters, recorded_push
 from saphari_drake.simulation.record.recorder import Recorder
@@ -111,8 +110,7 @@ def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) ->
     recorded, duration = None, scenario.duration
     if scenario.case == "recorded":
         given = scenario.recording
-        source = read_force_recording(given.file or SYNTHETIC, index=given.index, rate=given.rate or None)
-        recorded = recorded_push(source, pushes[0].direction, given)
+        recorded = recorded_push(given.read(SYNTHETIC), pushes[0].direction, given)
         pushes[0].force = recorded.bias
         pushes[0].hold = recorded.end + 0.3
         duration = min(duration, pushes[0].start + pushes[0].hold + 1.5)

@@ -28,10 +28,10 @@ def scenario_for(case: str) -> GuidingScenario:
     """Return the scenario of a case."""
     scenario = GuidingScenario(case=case)
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
-    # force keep it below what the second hand does. Such a wrist is stable with hands of up to 2000 N/m. All cases have
-    # the same gains; tests/benchmarks/gain_margins.py tells how far they may be off.
+    # force keep it below what the second hand does. All cases have the same gains; tests/benchmarks/gain_margins.py
+    # tells how far they may be off.
     controller = scenario.system.pipeline.controller
-    controller.K_P, controller.K_D, controller.force_time = 6400.0, 160.0, 0.005
+    controller.K_P, controller.K_D, controller.force_time, controller.hand_stiffness = 6400.0, 160.0, 0.005, 2000.0
     if case == "body_first":
         scenario.home[5] = -65.0
         scenario.body.pulls = [Pull(0.6, 2.4, 0.5, [0.5, 1.5, -4.5]), Pull(2.5, 2.8, 0.5, [-1.0, -2.0, -4.0])]

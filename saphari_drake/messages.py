@@ -210,25 +210,6 @@ class SkinStatus(IntEnum):
     LOST = 3  # too few modules can be used, or samples are too old: whoever needs the skin must stop
 
 
-class GuidingPriority(IntEnum):
-    """Which guided point is the main task, also published as a number."""
-
-    NONE = 0  # nobody touches
-    END_EFFECTOR = 1
-    BODY = 2
-
-
-class GuidingStatus(IntEnum):
-    """What hand guiding does, also published as a number."""
-
-    HOLD = 0  # nobody touches: keep the posture
-    GUIDED = 1  # every touched point follows its hand
-    PARTIAL = 2  # a touched point cannot move in some direction that it is pushed in
-    LIMITED = 3  # a limit of speed, workspace or joints holds the motion back
-    SENSOR_LOST = 4  # a force is not known: brake, then keep the posture
-    WAITING = 5  # forces are known again: keep the posture until nobody touches
-
-
 @dataclass(frozen=True)
 class SkinContact(Immutable):
     """One patch of pressure on a skin.

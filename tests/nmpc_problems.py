@@ -4,7 +4,6 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.messages import NmpcReference, ObstaclePoints
 from saphari_drake.robots import catalog
 
@@ -56,8 +55,7 @@ def dh_frames(q):
 
 def link_frames(robot, q):
     """Return the poses of the robot's links in the world as 4×4 matrices."""
-    t = robot.tree
-    R, p, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
+    R, p, *_ = robot.kinematics(q)
     return [np.vstack([np.hstack([a, b[:, None]]), [0, 0, 0, 1]]) for a, b in zip(R, p)]
 
 

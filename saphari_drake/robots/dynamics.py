@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from saphari_drake.math.tree import point_kinematics, tree_dynamics, tree_kinematics
+from saphari_drake.math.tree import TreeMotion, tree_dynamics, tree_kinematics
+from saphari_drake.math.tree_matrices import point_kinematics, world_point
 from saphari_drake.messages import Immutable
 from saphari_drake.robots.model import RobotModel
 
@@ -66,9 +67,14 @@ class DynamicsTerms(Immutable):
         arrays = {name: np.full_like(value, np.nan) for name, value in vars(self).items() if name not in _CONSTANTS}
         return replace(self, finite=False, **arrays)
 
+    @property
+    def motion(self) -> TreeMotion:
+        """Poses and motion of the links, as the compiled laws take them."""
+        return TreeMotion(self.R_WL, self.p_WL, self.S, self.V, self.A, self.parent)
+
     def point(self, link: int, p_LC: Array) -> PointKinematics:
         """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
-        return PointKinematics(*point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC))
+        return PointKinematics(*point_kinematics(self.motion, link, p_LC))
 
 
 _CONSTANTS = ("parent", "finite")
@@ -83,17 +89,13 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
         If a state has the wrong size or is not finite.
     """
     q, v = robot.checked_vector(q, "positions"), robot.checked_vector(v, "velocities")
-    t = robot.tree
-    R_WL, p_WL, S, V, A = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
-    M, Cv, CTv, g, p = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, R_WL, p_WL, S, V, A, v)
-    return DynamicsTerms(q, v, M, Cv, CTv, g, p, R_WL, p_WL, S, V, A, t.parent)
+    motion = tree_kinematics(robot.tree, q, v)
+    return DynamicsTerms(q, v, *tree_dynamics(robot.tree, motion, v), *motion)
 
 
 def point_position(robot: RobotModel, q: Array, link: int, p_LC: Array) -> Array:
     """Return the position (3,) in the world of point p_LC of a link at joint positions `q`."""
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return np.asarray(p_WL[link] + R_WL[link] @ p_LC)
+    return np.asarray(world_point(robot.kinematics(q), link, p_LC))
 
 
 class RobotDynamics(LeafSystem):

@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
+from saphari_drake.math.tree import TreeMotion, tree_kinematics
 from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
@@ -183,6 +184,27 @@ class RobotModel:
         if not np.all(np.isfinite(array)):
             raise StateError(f"{what}: not finite: {array.tolist()}")
         return array
+
+    def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> TreeMotion:
+        """Return poses, joint axes and, given velocities, the motion of all links; NaN where the state is not finite.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint positions (rad or m).
+        v : (n,) array, optional
+            Joint velocities (rad/s or m/s); default: at rest.
+
+        Raises
+        ------
+        StateError
+            If one has the wrong size.
+        """
+        q, v = np.array(q, dtype=float), np.zeros(self.n) if v is None else np.array(v, dtype=float)
+        if q.shape != (self.n,) or v.shape != (self.n,):
+            raise StateError(f"state: {self.name} has {self.n} joints, got shapes {q.shape} and {v.shape}")
+        motion: TreeMotion = tree_kinematics(self.tree, q, v)
+        return motion
 
     def link_index(self, name: str) -> int:
         """Return the index of a moving link by the name of its body, or of a body welded to it."""

@@ -117,11 +117,12 @@ def add_guiding_cell(
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
-    driving: LeafSystem = pipeline.controller
+    driving, torque = pipeline.limit, pipeline.torque_output
     if params.interface == "position":
         driving = add("position_servo", JointPositionServo(robot, params.servo))
         builder.Connect(state, driving.GetInputPort("state"))
         builder.Connect(pipeline.position_output, driving.GetInputPort("position_commanded"))
-    builder.Connect(driving.GetOutputPort("torque_commanded"), torque_input)
+        torque = driving.GetOutputPort("torque_commanded")
+    builder.Connect(torque, torque_input)
     excess = driving.GetOutputPort("torque_excess")
     return GuidingCell(robot, plant, scene_graph, state, hands, pipeline, excess)

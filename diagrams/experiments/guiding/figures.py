@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from experiments.guiding.cell import add_guided_robot
 from experiments.guiding.judge import true_force, true_velocity
 from experiments.guiding.run import GuidingRun
-from saphari_drake.messages import GuidingPriority
+from saphari_drake.control.hand_guiding.touch import GuidingPriority
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay

@@ -1,7 +1,7 @@
 """Runs of the guiding cell: scenario, hands, recording, and the runs that a case is compared with."""
 
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +11,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
-from saphari_drake.errors import ParameterError, SensorError
+from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.people.force_recording import ForceRecording, read_force_recording
+from saphari_drake.simulation.people.force_recording import ForceRecording, RecordingParameters
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -28,16 +28,9 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class GuidingRecordingParameters:
+class GuidingRecordingParameters(RecordingParameters):
     """How a recorded force is played to the end effector. All A."""
 
-    # File with the recording: CSV, NPZ or MAT; empty: the synthetic one that comes with the script.
-    file: str = ""
-    # Which run of a file that holds several.
-    index: int = 0
-    # 1/s; sample rate, if the file does not tell it (0: read it from the file).
-    rate: float = 0.0
-    # N; the recording is scaled so that its largest force has this size.
     peak: float = 8.0
     # Whether its mean is taken out, so that the arm comes back to about where it started.
     centred: bool = True
@@ -47,30 +40,20 @@ class GuidingRecordingParameters:
     longest: float = 4.8
 
     def __post_init__(self) -> None:
-        require_positive(self, "peak", "blend", "longest")
-        require_non_negative(self, "index", "rate", "start")
+        super().__post_init__()
+        require_positive(self, "blend", "longest")
+        require_non_negative(self, "start")
 
     def profile(self, recording: ForceRecording) -> tuple[Profile, float]:
-        """Return the force in the world (N) over time (s), and when it ends.
-
-        Raises
-        ------
-        SensorError
-            If the recording holds no force.
-        """
+        """Return the force in the world (N) over time (s), and when it ends."""
         length = min(recording.duration, self.longest)
         rows = recording.time <= length
-        time, force = recording.time[rows], recording.force[rows]
-        if self.centred:
-            force = force - force.mean(axis=0)
-        largest = float(np.max(np.linalg.norm(force, axis=1)))
-        if largest <= 0.0:
-            raise SensorError(f"{recording.source}: holds no force")
-        force, end = force * (self.peak / largest), self.start + length
+        part = replace(recording, time=recording.time[rows], force=recording.force[rows])
+        played, end = part.scaled(self.peak, self.centred)[0], self.start + length
 
         def at(now: float) -> Array:
             weight = min(max(min(now - self.start, end - now) / self.blend, 0.0), 1.0)
-            return weight * np.array([np.interp(now - self.start, time, column) for column in force.T])
+            return weight * played.at(now - self.start)
 
         return at, end
 
@@ -173,9 +156,7 @@ def _grips(
     tip = X_LF @ np.asarray(system.pipeline.wrist.tip_point, dtype=float)
     profile = None
     if scenario.case == "recorded":
-        given = scenario.recording
-        source = read_force_recording(given.file or synthetic, index=given.index, rate=given.rate or None)
-        profile, _ = given.profile(source)
+        profile, _ = scenario.recording.profile(scenario.recording.read(synthetic))
     return [Grip(link, tip, hands[0], profile=profile), Grip(layout.link, p_LC, hands[1])]
 
 

@@ -13,6 +13,7 @@ from experiments.priority.drake_ik import DifferentialIK, median_seconds
 from experiments.priority.switches import find_switches
 from experiments.priority.three_level import ThreeLevelJob, circle_reference, clearances
 from saphari_drake.control.joint_servo import JointVelocityServo
+from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
 from saphari_drake.simulation.record.recorder import Recorder
@@ -127,8 +128,8 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
         Metric("activation_jump_max", np.abs(np.diff(log["activation"], axis=0)).max(), "1", high=0.5),
         Metric("switch_velocity_step_max", max((s.step for s in switches), default=0.0), "rad/s"),
         Metric("switch_velocity_share_max", max((s.share for s in switches), default=0.0), "1", high=1.0),
-        Metric("scaled_share", float(np.mean(status == 1)), "1"),
-        Metric("unreachable_share", float(np.mean(status == 2)), "1"),
+        Metric("scaled_share", float(np.mean(status == PriorityStatus.SCALED)), "1"),
+        Metric("unreachable_share", float(np.mean(status == PriorityStatus.LIMITED)), "1"),
         *limit_metrics(job.robot, log["velocity"], log["torque_excess"]),
     ]
 

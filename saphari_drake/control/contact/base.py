@@ -11,6 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, State
 
 from saphari_drake.control.contact.terms import TorqueTerms, posture_torque
+from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.messages import ContactPoint, Immutable, Interaction, InteractionMode
 from saphari_drake.parameters import diagonal, positive_definite
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
@@ -46,6 +47,7 @@ class ContactController(LeafSystem):
 
     def __init__(self, robot: RobotModel, params: SharedParameters) -> None:
         super().__init__()
+        consistent_inverse(np.eye(3, robot.n), np.eye(robot.n), 1.0)  # compiled before the first control step
         self._robot, self._period = robot, params.period
         n = robot.n
         self._hold = diagonal(params.hold_stiffness, n, "hold_stiffness")

@@ -11,8 +11,8 @@ from saphari_drake.control.contact.base import ContactController, inverse_inerti
 from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
 from saphari_drake.control.contact.gate import ForceGate
 from saphari_drake.control.contact.terms import Handover, Law, TorqueTerms, misfit_torque
-from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.math.saturation import limit_torque
+from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.messages import ForceStatus, Immutable, Interaction, InteractionMode
 from saphari_drake.parameters import diagonal
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics

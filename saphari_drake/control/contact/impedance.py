@@ -9,8 +9,8 @@ from pydrake.systems.framework import Context, State
 
 from saphari_drake.control.contact.base import ContactController, inverse_inertia
 from saphari_drake.control.contact.terms import Handover, Law, TorqueTerms, misfit_torque
-from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.math.saturation import limit_torque
+from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.messages import Interaction, InteractionMode
 from saphari_drake.parameters import diagonal, positive_definite, require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, point_position

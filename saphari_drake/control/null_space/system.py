@@ -11,16 +11,17 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, State
 
 from saphari_drake.control.null_space.law import (
-    MOMENTUM,
-    NONE,
-    TASK_ERROR_PD,
+    Desired,
+    Frame,
     FrameState,
-    TaskGains,
+    Gains,
+    JointState,
+    Yielding,
     advance_offset,
     command_terms,
     frame_state,
 )
-from saphari_drake.control.null_space.parameters import OBSERVERS, TASKS, NullSpaceComplianceParameters
+from saphari_drake.control.null_space.parameters import TASKS, NullSpaceComplianceParameters, Observer
 from saphari_drake.control.null_space.stability import gamma_bound_around, require_gamma
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.saturation import limit_torque
@@ -102,7 +103,7 @@ class NullSpaceComplianceController(LeafSystem):
         super().__init__()
         self._robot, self.params = robot, params or NullSpaceComplianceParameters()
         p, n = self.params, robot.n
-        self.m, self.observer = TASKS[p.task], OBSERVERS.index(p.observer)
+        self.m, self.observer = TASKS[p.task], Observer[p.observer.upper()]
         if not n > self.m:
             raise ParameterError("task", f"{p.task} leaves no null space on {robot.name}, which has {n} joints")
         self._read(p)
@@ -110,7 +111,7 @@ class NullSpaceComplianceController(LeafSystem):
         self._zero = zero = np.zeros(n)
         self._rest = rest = np.zeros(6)
         self._command(terms, RigidTransform(), rest, rest, zero, _Memory(), robot.home)  # compiles
-        if self.observer == TASK_ERROR_PD:
+        if self.observer == Observer.TASK_ERROR_PD:
             g = self.gains
             require_gamma(p.gamma, gamma_bound_around(robot, self._task_at, g.K_x, g.D, g.scale, p.gamma_region))
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
@@ -149,7 +150,8 @@ class NullSpaceComplianceController(LeafSystem):
             values = diagonal(linear, 3, name)
             return values if self.m == 3 else np.concatenate([diagonal(angular, 3, f"{name}_rotation"), values])
 
-        self.gains = TaskGains(
+        self.gains = Gains(
+            int(self.observer),
             gain(p.P, p.P, "P"),
             gain(p.K, p.K_rotation, "K"),
             gain(p.D, p.D_rotation, "D"),
@@ -158,26 +160,24 @@ class NullSpaceComplianceController(LeafSystem):
             gain(p.K_v, p.K_v, "K_v"),
             gain(p.K_p, p.K_p, "K_p"),
             gain(1.0, p.rotation_length, "scale"),
+            diagonal(p.null_stiffness, self._robot.n, "null_stiffness"),
+            diagonal(p.null_damping, self._robot.n, "null_damping"),
+            float(p.yield_damping),
             float(p.period),
         )
         self._return = p.return_turn, p.return_speed
         self._fade = float(np.exp(-p.period / p.yield_time))
-        self._yield_damping = float(p.yield_damping)
-        self._stiffness = diagonal(p.null_stiffness, self._robot.n, "null_stiffness")
-        self._damping = diagonal(p.null_damping, self._robot.n, "null_damping")
         link, X_LE = self._robot.frame(p.frame or self._robot.link_names[-1])
         if link < 0:
             raise ParameterError("frame", f"'{p.frame}' does not move")
         max_mass = gain(p.max_effective_mass, p.max_effective_inertia, "max_effective_mass")
         R_LE = np.array(X_LE.rotation().matrix(), order="C")
-        self._frame = link, R_LE, np.array(X_LE.translation()), max_mass
-        t = self._robot.tree
-        self._tree = t.parent, t.mass, t.com, t.inertia
+        self._frame = Frame(link, R_LE, np.array(X_LE.translation()), max_mass)
 
     def kinematics(self, terms: DynamicsTerms) -> FrameState:
         """Return pose and velocity of the controlled frame, and its task space, at a state."""
-        d, frame = terms, self._frame
-        return frame_state(*self._tree, d.S, d.V, d.R_WL, d.p_WL, d.M, d.v, *frame)
+        state: FrameState = frame_state(self._robot.tree, terms.motion, terms.v, terms.M, self._frame)
+        return state
 
     def _task_at(self, q: Array, v: Array) -> TaskSpace:
         return self.kinematics(evaluate_dynamics(self._robot, q, v)).task
@@ -190,12 +190,14 @@ class NullSpaceComplianceController(LeafSystem):
         self, d: DynamicsTerms, X: RigidTransform, V: Array, A: Array, estimate: Array, memory: _Memory, q_d: Array
     ) -> tuple[Array, Array, Array]:
         # Arrays from ports are copied: numba compiles anew for other strides and for what is read-only.
-        return command_terms(
-            *self._tree, d.S, d.V, d.R_WL, d.p_WL, d.M, d.Cv, d.g, d.q, d.v, *self._frame,
-            np.array(X.rotation().matrix(), order="C"), np.array(X.translation()), np.array(V), np.array(A),
-            memory.offset, memory.speed, self.observer, np.array(estimate), self.gains, memory.yielding,
-            self._yield_damping, np.array(q_d), self._stiffness, self._damping,
-        )  # fmt: skip
+        R = np.array(X.rotation().matrix(), order="C")
+        desired = Desired(R, np.array(X.translation()), np.array(V), np.array(A), np.array(q_d))
+        yielding = Yielding(memory.yielding, memory.offset, memory.speed)
+        joints, estimate = JointState(d.q, d.v, d.M, d.Cv, d.g), np.array(estimate)
+        result: tuple[Array, Array, Array] = command_terms(
+            self._robot.tree, d.motion, joints, self._frame, desired, yielding, estimate, self.gains
+        )
+        return result
 
     def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
@@ -206,12 +208,12 @@ class NullSpaceComplianceController(LeafSystem):
         name, seen = self.params.observer, self._zero
         if self._residual.HasValue(context):
             seen = -self._residual.Eval(context)
-        elif self.observer == MOMENTUM:
+        elif self.observer == Observer.MOMENTUM:
             raise StateError(f"residual: not connected, but the observer '{name}' needs it")
         elif math.isfinite(self.params.torque_threshold):
             raise StateError("residual: not connected, but torque_threshold needs it (set it to inf to do without)")
-        if self.observer in (MOMENTUM, NONE):
-            return seen if self.observer == MOMENTUM else self._zero, seen
+        if self.observer in (Observer.MOMENTUM, Observer.NONE):
+            return seen if self.observer == Observer.MOMENTUM else self._zero, seen
         if not self._estimated.HasValue(context):
             raise StateError(f"torque_estimated: not connected, but the observer '{name}' needs it")
         return self._estimated.Eval(context), seen

@@ -15,7 +15,6 @@ from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.parameters import require_positive
-from saphari_drake.perception.camera.frames import link_poses
 from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.perception.camera.open3d_import import import_open3d
 from saphari_drake.robots.model import RobotModel
@@ -116,7 +115,8 @@ def check_camera(
     if len(postures) != len(images) or len(images) == 0:
         raise StateError(f"images: one a posture is needed, got {len(images)} for {len(postures)} postures")
     X_WC = camera_pose(camera) if X_WC is None else X_WC
-    kinematics = [robot.shapes.in_world(*link_poses(robot, robot.checked_vector(q, "postures"))) for q in postures]
+    motions = [robot.kinematics(robot.checked_vector(q, "postures")) for q in postures]
+    kinematics = [robot.shapes.in_world(motion.R_WL, motion.p_WL) for motion in motions]
     clouds = [_readings(camera, np.asarray(image), params) for image in images]
     clouds = [
         X_WC.inverse().multiply(_matches(robot, [pose], [cloud], X_WC, 3.0 * params.reach, -1.0)[0].T).T

@@ -11,7 +11,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.math.tree import TreeMotion
+from saphari_drake.math.tree_matrices import point_kinematics
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.robots.model import RobotModel
 
@@ -68,10 +69,22 @@ class Instant(NamedTuple):
     """A robot when a frame was taken."""
 
     stamp: float  # s
-    S: Array  # (n, 6) joint axes
-    R_WL: Array  # (n, 3, 3)
-    p_WL: Array  # (n, 3) m
+    motion: TreeMotion  # at rest
     r: Array | None = None  # (n,) residual, Nm
+
+    @property
+    def R_WL(self) -> Array:
+        """Orientations of the links, (n, 3, 3)."""
+        return self.motion.R_WL
+
+    @property
+    def p_WL(self) -> Array:
+        """Positions of the links (m), (n, 3)."""
+        return self.motion.p_WL
+
+    def jacobian(self, link: int, p_L: Array) -> Array:
+        """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
+        return point_kinematics(self.motion, link, p_L)[2]
 
     def felt(self, least: float) -> bool:
         """Whether the norm of the residual is above `least` (Nm)."""
@@ -79,19 +92,5 @@ class Instant(NamedTuple):
 
 
 def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
-    """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
-    t = robot.tree
-    R_WL, p_WL, S, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-    return Instant(stamp, S, R_WL, p_WL, r)
-
-
-def point_jacobian(robot: RobotModel, at: Instant, link: int, p_L: Array) -> Array:
-    """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
-    zero = np.zeros((robot.n, 6))
-    return point_kinematics(robot.tree.parent, at.S, zero, zero, at.R_WL, at.p_WL, link, p_L)[2]
-
-
-def link_poses(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    """Return R_WL (n, 3, 3) and p_WL (n, 3) of all links at joint positions `q` (n,)."""
-    at = instant(robot, 0.0, q)
-    return at.R_WL, at.p_WL
+    """Return a robot at joint positions q (n,), with the residual r (n,) of the same time."""
+    return Instant(stamp, robot.kinematics(q), r)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import BOX, CAPSULE, Primitives, surface_point
-from saphari_drake.perception.camera.frames import link_poses
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.shapes import LinkShapes
 
@@ -123,7 +122,7 @@ def _ever_free(
     free = np.zeros(len(p_L), dtype=bool)
     for k in range(12):
         q = robot.home if k == 0 else rng.uniform(low, high)
-        R_WL, p_WL = link_poses(robot, q)
+        R_WL, p_WL, *_ = robot.kinematics(q)
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
         p_W = p_WL[link] + np.einsum("mij,mj->mi", R_WL[link], p_L)
         _add_free(Primitives(shapes.kind, shapes.size, shapes.link, R_WS, p_WS), own, p_W, free)

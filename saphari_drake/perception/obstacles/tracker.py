@@ -10,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
-from saphari_drake.perception.camera.frames import DepthFrames, Samples, link_poses, sample_at
+from saphari_drake.perception.camera.frames import DepthFrames, Samples, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.obstacles.tracks import (
     NO_TRACKS,
@@ -100,7 +100,7 @@ class ObstacleTracker(LeafSystem):
         self._background = None if background is None else np.isfinite(background)
         self._frame_period = 1.0 / camera.rate
         self._kept = int(np.ceil((self._params.timeout + self._frame_period) / self._params.period)) + 2
-        link_poses(robot, robot.home)  # compiles
+        robot.kinematics(robot.home)  # compiles
         self._frames = DepthFrames(self, robot, [camera])
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
@@ -114,7 +114,8 @@ class ObstacleTracker(LeafSystem):
 
     def _points(self, depth: Depth, q: Array) -> Array:
         """Return the points (k, 3) in the world that are neither robot nor background."""
-        return self._filter.person(depth, *link_poses(self._robot, q)).points
+        motion = self._robot.kinematics(q)
+        return self._filter.person(depth, motion.R_WL, motion.p_WL).points
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstaclePoints, ObstacleStatus
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.simulation.people.motion_files import HumanRecording, read_human_motion, synthetic_recording
 from saphari_drake.simulation.people.motion_repair import JointState, RepairedMotion, repair_motion
-from saphari_drake.systems import declare_cache
+from saphari_drake.systems import declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -218,8 +218,4 @@ class HumanMotion(LeafSystem):
             calc=lambda context, output: output.set_value(entry.Eval(context)),
             prerequisites_of_calc={entry.ticket()},
         )
-
-        def write_status(context: Context, output: BasicVector) -> None:
-            output.SetAtIndex(0, float(entry.Eval(context).status))
-
-        self.DeclareVectorOutputPort("status", BasicVector(1), write_status, prerequisites_of_calc={entry.ticket()})
+        declare_readouts(self, entry, {"status": (1, lambda points: [float(points.status)])})

@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ModelError, ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.messages import Immutable
@@ -107,11 +108,6 @@ class _Memory(Immutable):
     target: Target
     previous: Target | None = None
     p_release: Array | None = None
-
-
-def _minimum_jerk(s: float) -> float:
-    s = min(max(s, 0.0), 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 class HumanHand(LeafSystem):
@@ -212,14 +208,14 @@ class HumanHand(LeafSystem):
         standoff = self._standoff(target)
         elapsed = time - push.start
         if memory.p_release is not None:
-            left = _minimum_jerk((elapsed - push.hold) / self.RETREAT_TIME)
+            left = quintic((elapsed - push.hold) / self.RETREAT_TIME)[0]
             return memory.p_release + left * (standoff - memory.p_release), target.R_WH
         if elapsed >= 0.0:
             travel = self.STANDOFF + (push.depth or self.STANDOFF)
             return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travel), target.R_WH
         if memory.previous is None:
             return standoff, target.R_WH
-        s = _minimum_jerk(1.0 + elapsed / self.TRAVEL_TIME)
+        s = quintic(1.0 + elapsed / self.TRAVEL_TIME)[0]
         start = self._standoff(memory.previous)
         outward = 0.5 * (start + standoff) - np.array([0.0, 0.0, 0.6])
         outward /= max(float(np.linalg.norm(outward)), 1e-6)

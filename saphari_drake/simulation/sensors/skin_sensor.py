@@ -11,7 +11,6 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception.camera.frames import link_poses
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters, SkinModules, Touch
@@ -101,7 +100,7 @@ class SkinSensor(LeafSystem):
         context = plant.CreateDefaultContext()
         for body in plant.GetBodiesWeldedTo(link):
             self._X_LB[int(body.index())] = body.body_frame().CalcPose(context, link.body_frame())
-        link_poses(robot, robot.home)  # compiles
+        robot.kinematics(robot.home)  # compiles
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._contacts = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         forces = Value[list[ExternallyAppliedSpatialForce]]()
@@ -118,7 +117,8 @@ class SkinSensor(LeafSystem):
     def touches(self, context: Context) -> list[Touch]:
         """Return the contacts on the link at this moment, in the link frame."""
         q = self._state.Eval(context)[: self._robot.n]
-        R_WL, p_WL = (part[self._layout.link] for part in link_poses(self._robot, q))
+        motion, link = self._robot.kinematics(q), self._layout.link
+        R_WL, p_WL = motion.R_WL[link], motion.p_WL[link]
         touches = []
         if self._contacts.HasValue(context):
             results: ContactResults = self._contacts.Eval(context)

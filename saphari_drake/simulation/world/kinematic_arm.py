@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.control.reverse_priority.activation import quintic
 from saphari_drake.errors import ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import CYCLE_OFFSET, cycle
 
@@ -107,7 +107,6 @@ class WaypointPath:
         """Return position (3,) and velocity (3,) at a time."""
         leg = min(int(np.searchsorted(self.arrivals, time, side="right")), len(self._times) - 1)
         begin, duration = (self.arrivals[leg - 1] if leg else 0.0), self._times[leg]
-        a = min(max((time - begin) / duration, 0.0), 1.0)
+        share, rate, _ = quintic((time - begin) / duration)
         step = self._points[leg + 1] - self._points[leg]
-        slope = 30.0 * a**2 * (1.0 - a) ** 2 / duration
-        return self._points[leg] + quintic(a) * step, slope * step
+        return self._points[leg] + share * step, rate / duration * step

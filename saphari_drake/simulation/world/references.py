@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.systems import cycle
 
@@ -41,9 +42,8 @@ def straight_motion(params: StraightMotionParameters, time: float) -> tuple[floa
     index, since = divmod(time - params.start, leg)
     if time < params.start:
         return 0.0, 0.0, 0.0
-    a, T = min(since / params.travel_time, 1.0), params.travel_time
-    s = a**3 * (10.0 - 15.0 * a + 6.0 * a * a)
-    rate, second = 30.0 * (a * (1.0 - a)) ** 2 / T, 60.0 * a * (1.0 - a) * (1.0 - 2.0 * a) / T**2
+    T = params.travel_time
+    s, rate, second = (derivative / T**k for k, derivative in enumerate(quintic(since / T)))
     return (s, rate, second) if index % 2 == 0 else (1.0 - s, -rate, -second)
 
 

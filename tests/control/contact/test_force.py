@@ -13,7 +13,7 @@ from saphari_drake.control.contact.gate import ForceGate
 from saphari_drake.control.contact.terms import TorqueTerms, posture_torque
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.estimation.contact_force import estimate_contact_force
-from saphari_drake.math.inverses import consistent_inverse
+from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.messages import ContactPoint, ForceStatus, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import evaluate_dynamics
 

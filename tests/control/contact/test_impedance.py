@@ -15,8 +15,8 @@ from saphari_drake.control.contact.impedance import (
 from saphari_drake.control.contact.terms import TorqueTerms, posture_torque
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.estimation.contact_force import ContactForceParameters, estimate_contact_force
-from saphari_drake.math.inverses import consistent_inverse
 from saphari_drake.math.saturation import limit_torque
+from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.messages import ContactPoint, Interaction, InteractionMode
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 

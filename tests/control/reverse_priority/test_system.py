@@ -9,12 +9,13 @@ import pytest
 from bench import Bench
 from experiments.priority import planar
 from experiments.priority import three_level as arm
+from priority_recursion import reverse_priority
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from saphari_drake.control.reverse_priority import tasks
-from saphari_drake.control.reverse_priority.recursion import reverse_priority
+from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.stack import PriorityStack
 from saphari_drake.control.reverse_priority.system import (
     ReversePriorityController,
@@ -110,7 +111,7 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(lwr4):
     position = home_point(lwr4)
     fast = stack.solve(lwr4.home, np.zeros(7), position_reference(position, [0.0, 8.0, 2.0])[None], NOWHERE, 0.005)
     slow = stack.solve(lwr4.home, np.zeros(7), position_reference(position, [0.0, 0.08, 0.02])[None], NOWHERE, 0.005)
-    assert fast.status == 1 and 0.0 < fast.scale < 1.0
+    assert fast.status == PriorityStatus.SCALED and 0.0 < fast.scale < 1.0
     assert np.abs(fast.v / lwr4.v_max).max() == pytest.approx(1.0, abs=0.01)
     cosine = fast.v @ slow.v / np.linalg.norm(fast.v) / np.linalg.norm(slow.v)
     assert cosine == pytest.approx(1.0, abs=1e-9)
@@ -126,7 +127,7 @@ def test_hard_constraints_hold_for_twenty_random_people(lwr4):
     met = 0
     for seed in range(20):
         run = arm.run_kinematic(arm.three_level_job(lwr4, params, seed), 4.0)
-        assert not np.any(run.status == 2)
+        assert not np.any(run.status == PriorityStatus.LIMITED)
         assert run.clearance.min() >= params.clearance + params.margin, seed
         assert np.all(run.q <= lwr4.q_max) and np.all(run.q >= lwr4.q_min)
         assert np.all(np.abs(run.v) <= lwr4.v_max * (1 + 1e-9))
@@ -140,7 +141,7 @@ def test_a_person_faster_than_the_arm_is_told_and_commands_stay_within_limits(lw
     job = arm.three_level_job(lwr4, params, 3)
     job.person._omega *= 6.0 / 0.4
     run = arm.run_kinematic(job, 2.0)
-    assert np.any(run.status == 2)
+    assert np.any(run.status == PriorityStatus.LIMITED)
     assert np.all(np.isfinite(run.v)) and np.all(np.abs(run.v) <= lwr4.v_max * (1 + 1e-9))
 
 
@@ -180,6 +181,36 @@ def test_the_controller_publishes_what_it_does(lwr4):
     clone.set(targets=near)
     assert np.abs(command).max() > 1e-3
     assert not np.allclose(clone.read("velocity_commanded"), bench.read("velocity_commanded"))
+
+
+@pytest.mark.parametrize("port", ["position_measured", "references", "targets"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("cycles", [1, 3, 20])
+def test_an_input_that_is_not_finite_stops_the_arm_and_is_told(lwr4, port, value, cycles):
+    """For as long as it lasts, and no longer: what is remembered of the fault is a command of zero."""
+    bound = tasks.Bound(tasks.target_distance(lwr4, "link_7", 0, radius=0.1), lower=0.05, buffer=0.1)
+    controller = ReversePriorityController(lwr4, [[bound], tasks.pose_task(lwr4, "link_7")])
+    good = {
+        "position_measured": lwr4.home,
+        "targets": np.full(6, 5.0),
+        "references": frame_reference(RigidTransform(home_point(lwr4) + [0.0, 0.1, 0.0])),
+    }
+    bench = Bench(controller, **good)
+    asked = bench.read("velocity_commanded")
+    assert np.abs(asked).max() > 0.1
+    bad = good[port].copy()
+    bad[-1] = value
+    bench.set(**{port: bad})
+    for _ in range(cycles):
+        assert bench.read("status") == PriorityStatus.INVALID and bench.read("task_scale") == 0.0
+        np.testing.assert_array_equal(bench.read("velocity_commanded"), np.zeros(7))
+        np.testing.assert_array_equal(bench.read("activation"), np.zeros(1))
+        for name in ("task_error", "smallest_singular_value", "constraint_excess"):
+            bench.read(name)  # no exception
+        bench.run(1)
+    bench.set(**good)
+    assert bench.read("status") != PriorityStatus.INVALID
+    np.testing.assert_array_equal(bench.read("velocity_commanded"), asked)
 
 
 def test_references_have_their_layout():

@@ -3,7 +3,7 @@
 import numpy as np
 from arms import states
 
-from saphari_drake.perception.camera.frames import link_poses, sample_at
+from saphari_drake.perception.camera.frames import instant, sample_at
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 
@@ -15,9 +15,9 @@ def test_posture_is_interpolated_and_holds_at_both_ends():
     np.testing.assert_array_equal(sample_at(postures, 1.0), [3.0, -1.0])
 
 
-def test_link_poses_are_those_of_the_dynamics(lwr4):
+def test_an_instant_has_the_poses_of_the_dynamics(lwr4):
     for q, v in states(lwr4, 3):
-        R_WL, p_WL = link_poses(lwr4, q)
+        R_WL, p_WL, *_ = instant(lwr4, 0.0, q).motion
         terms = evaluate_dynamics(lwr4, q, v)
         np.testing.assert_allclose(R_WL, terms.R_WL, atol=1e-15)
         np.testing.assert_allclose(p_WL, terms.p_WL, atol=1e-15)

@@ -1,13 +1,10 @@
-"""Identities of the reverse-priority recursion, of its regularised form, and of the compiled stack."""
+"""The law against its plain twin, the recursion as it is printed, and against a general solver; its activation."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize
-
-from saphari_drake.control.reverse_priority import solver as compiled
-from saphari_drake.control.reverse_priority.recursion import (
+from priority_recursion import (
     append_row_inverse,
     augmented_inverse,
     forward_priority,
@@ -15,9 +12,21 @@ from saphari_drake.control.reverse_priority.recursion import (
     reverse_priority,
     singular_damping,
 )
-from saphari_drake.math.products import bounded_multipliers
+from scipy.optimize import minimize
+
+from saphari_drake.control.reverse_priority import law
 
 SEEDS = st.integers(0, 10_000)
+NUMBERS = st.floats(-2.0, 2.0)
+
+
+def settings(n, v_max=np.inf, period=1e-4, damping=0.1):
+    return law.Settings(np.full(n, v_max), period, damping, 1.0)
+
+
+def activation(x, rate):
+    """Return h of x ≤ 0.5 with buffers of 0.05 and 0.1."""
+    return law.position_activation(x, 0.5, 0.05) * law.velocity_activation(rate, 0.1)
 
 
 def random_tasks(rng, sizes, n=7):
@@ -121,31 +130,20 @@ def test_the_compiled_task_step_is_the_plain_one(seed):
     (J, R), (b, _) = random_tasks(rng, (3, 2))
     W = 0.01 * np.eye(7) + R.T @ R
     v = np.zeros(7)
-    compiled.task_step(np.linalg.cholesky(W), J, b.copy(), 0.1, 1.0, v)
+    law.task_step(np.linalg.cholesky(W), J, b, settings(7), v)
     np.testing.assert_allclose(v, regularised_step(J, b, W, singular_damping(J, 0.1, 1.0)), atol=1e-9)
 
 
-@given(seed=SEEDS, count=st.integers(1, 12))
-def test_the_multipliers_solve_their_problem(seed, count):
-    """μ ≥ 0, H μ ≥ e, and one of the two with equality; rows may depend on one another."""
-    rng = np.random.default_rng(seed)
-    A = rng.standard_normal((count, 5))
-    H = A @ A.T + 1e-6 * np.eye(count)
-    e = rng.standard_normal(count)
-    mu = bounded_multipliers(H, e)
-    slack = H @ mu - e
-    assert np.all(mu >= 0.0)
-    assert np.all(slack >= -1e-8)
-    assert np.abs(mu * slack).max() < 1e-5 * (1 + np.abs(mu).max())
+def constraints(J, x, buffer=0.1):
+    """Return rows of x ≤ 0."""
+    zero, some = np.zeros(len(x)), np.full(len(x), buffer)
+    return law.Rows(J, x, zero, zero, zero, zero, some, some)
 
 
-def one_level(J, x, rate_bounds, v, h_like=0.0):
+def one_level(J, x, v):
     """Step of one level of constraints on top of W = I, all with buffers of 0.1."""
-    m = len(x)
-    v, h = v.copy(), np.zeros(m)
-    compiled.constraint_step(
-        np.eye(J.shape[1]), J, x, np.zeros(m), np.zeros(m), np.full(m, 0.1), np.full(m, 0.1), rate_bounds, 1e-4, v, h
-    )
+    v, h = v.copy(), np.zeros(len(x))
+    law.constraint_step(np.eye(J.shape[1]), constraints(J, x), settings(J.shape[1], 1e9), v, h)
     return v, h
 
 
@@ -155,7 +153,7 @@ def test_one_constraint_is_the_rule_of_the_deliverable(seed, x):
     rng = np.random.default_rng(seed)
     J, v = rng.standard_normal((1, 4)), rng.standard_normal(4)
     before = float((J @ v)[0])
-    after, h = one_level(J, np.array([x]), np.zeros(1), v)
+    after, h = one_level(J, np.array([x]), v)
     wanted = (1.0 - h[0]) * before if before > 0.0 else before
     np.testing.assert_allclose((J @ after)[0], wanted, atol=1e-6)
 
@@ -166,7 +164,7 @@ def test_constraints_at_their_bounds_hold_together_with_the_least_change(seed):
     rng = np.random.default_rng(seed)
     J, v = rng.standard_normal((5, 4)), rng.standard_normal(4)
     J[4] = J[0]
-    after, _ = one_level(J, np.zeros(5), np.zeros(5), v)
+    after, _ = one_level(J, np.zeros(5), v)
     assert (J @ after).max() < 1e-5
     reference = minimize(
         lambda y: 0.5 * np.sum((y - v) ** 2),
@@ -183,7 +181,7 @@ def test_the_step_is_continuous_through_activation_and_release(direction):
     """Swept through the buffer, no change of velocity exceeds what the slope of the activation allows."""
     J, v = np.array([[1.0, 0.5, 0.0], [0.8, 0.0, 0.6]]), np.array([1.0, 0.2, -0.3])
     grid = np.linspace(-0.15, 0.0, 3001)[:: int(direction)]
-    steps = np.array([one_level(J, np.array([x, x - 0.03]), np.zeros(2), v)[0] for x in grid])
+    steps = np.array([one_level(J, np.array([x, x - 0.03]), v)[0] for x in grid])
     change = np.abs(np.diff(steps, axis=0)).max() / abs(grid[1] - grid[0])
     rate, shortest = np.abs(J @ v).max(), np.linalg.norm(np.linalg.pinv(J), 2)
     assert change <= 15.0 / 8.0 / 0.1 * rate * shortest
@@ -193,7 +191,25 @@ def test_the_step_is_continuous_through_activation_and_release(direction):
 def test_a_fast_step_covers_half_of_what_is_left_to_a_bound(gap):
     """However narrow the buffer, a velocity that would jump the bound within one period is cut to half the gap."""
     period, v, h = 0.01, np.array([50.0, 1.0]), np.zeros(1)
-    J, x, zero, buffer = np.array([[1.0, 0.0]]), np.array([-gap]), np.zeros(1), np.array([1e-9])
-    compiled.constraint_step(np.eye(2), J, x, zero, zero, buffer, buffer, zero, period, v, h)
+    rows = constraints(np.array([[1.0, 0.0]]), np.array([-gap]), 1e-9)
+    law.constraint_step(np.eye(2), rows, settings(2, 1e9, period), v, h)
     assert v[0] * period == pytest.approx(0.5 * gap, rel=1e-3)
     assert v[1] == 1.0
+
+
+@given(x=NUMBERS, rate=NUMBERS)
+def test_activation_is_1_where_the_rule_says_so_and_0_outside_the_buffers(x, rate):
+    """Eq. (31) at the bound and beyond; nothing before the buffer or while leaving fast."""
+    h = activation(x, rate)
+    assert 0.0 <= h <= 1.0
+    if x >= 0.5 and rate >= 0.0:
+        assert h == 1.0
+    if x <= 0.45 or rate <= -0.1:
+        assert h < 1e-12
+
+
+@given(x=NUMBERS, rate=NUMBERS, dx=st.floats(-0.01, 0.01), drate=st.floats(-0.01, 0.01))
+def test_a_small_change_changes_the_activation_little(x, rate, dx, drate):
+    """|Δh| ≤ 15/8 (|Δx|/β_p + |Δẋ|/β_v)."""
+    before, after = activation(x, rate), activation(x + dx, rate + drate)
+    assert abs(after - before) <= 15.0 / 8.0 * (abs(dx) / 0.05 + abs(drate) / 0.1) + 1e-12

@@ -1,8 +1,6 @@
-"""Redundancy resolution with priorities: the reverse recursion (24)–(27), its regularised form, the forward scheme.
+"""Plain twin of the reverse-priority law: the recursion (24)–(27) as printed, regularised, and the forward scheme.
 
-Levels are numbered from the top: level 0 has the highest priority. The functions here take one level after the other
-and are meant to be read and to be compared with; `solver` beside this file runs a whole stack with unilateral
-constraints in one compiled pass.
+Levels are numbered from the top: level 0 has the highest priority. The functions take one level after the other.
 """
 
 from __future__ import annotations
