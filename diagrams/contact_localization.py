@@ -22,7 +22,10 @@ from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.places import PlaceFinder
 from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.perception.segmentation.robot_filter import RobotFilter
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Outcome, RunOptions, main
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 SHOWN = 15  # scenes of the replay
 
@@ -101,15 +104,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment(
-    name="contact_localization",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("contact_localization", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

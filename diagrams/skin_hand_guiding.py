@@ -11,8 +11,10 @@ from experiments.guiding.touches import skin_metrics
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.people.guiding_hands import Pull
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
     "end_effector_first": "the end effector is led; then a hand presses the body",
@@ -93,15 +95,7 @@ def _second_rank(result: GuidingRun) -> np.ndarray:
     return ranks[ranks > 0] if np.any(ranks > 0) else np.zeros(1)
 
 
-EXPERIMENT = Experiment(
-    name="skin_hand_guiding",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("skin_hand_guiding", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

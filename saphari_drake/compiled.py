@@ -18,7 +18,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -65,8 +65,8 @@ def code_hash(kernel: Any) -> str:
     return parts.hexdigest()[:DIGITS]
 
 
-def _reached(value: Any, seen: set[int]) -> Iterator[bytes]:
-    """Yield what the compiled form of a value depends on, each function once."""
+def _reached(value: Any, seen: set[int], names: Sequence[str] = ()) -> Iterator[bytes]:
+    """Yield what the compiled form of a value depends on, each function once; of a module what `names` pick from it."""
     if isinstance(value, Dispatcher):
         yield from _reached(tuple(sorted(value.targetoptions.items())), seen)
         value = value.py_func
@@ -75,10 +75,10 @@ def _reached(value: Any, seen: set[int]) -> Iterator[bytes]:
             seen.add(id(value))
             cells = [cell.cell_contents for cell in value.__closure__ or ()]
             yield from _reached((value.__code__, *cells, value.__defaults__), seen)
-            for name in _names(value.__code__):
-                if name in value.__globals__:
-                    yield name.encode()
-                    yield from _used(value.__globals__[name], _names(value.__code__), seen)
+            yield from _picked(value.__globals__, _names(value.__code__), seen)
+    elif isinstance(value, ModuleType):
+        if value.__name__.startswith(PACKAGE):
+            yield from _picked(vars(value), names, seen)
     elif isinstance(value, CodeType):
         yield value.co_code
         yield from _reached((value.co_names, value.co_varnames, value.co_consts), seen)
@@ -89,22 +89,18 @@ def _reached(value: Any, seen: set[int]) -> Iterator[bytes]:
         yield repr(sorted(map(repr, value))).encode()
     elif isinstance(value, np.ndarray):
         yield repr((value.dtype, value.shape)).encode() + value.tobytes()
-    else:
-        yield repr(value).encode()
-
-
-def _used(value: Any, names: list[str], seen: set[int]) -> Iterator[bytes]:
-    """Yield what a global stands for: of a module of the package, what the names of the code pick from it."""
-    if isinstance(value, ModuleType):
-        picked = [name for name in names if name in vars(value)] if value.__name__.startswith(PACKAGE) else []
-        for name in picked:
-            yield name.encode()
-            yield from _used(vars(value)[name], names, seen)
     elif isinstance(value, type):
         members = list(value) if issubclass(value, Enum) else getattr(value, "_fields", None)
         yield repr((value.__name__, members)).encode()
     else:
-        yield from _reached(value, seen)
+        yield repr(value).encode()
+
+
+def _picked(variables: dict[str, Any], names: Sequence[str], seen: set[int]) -> Iterator[bytes]:
+    for name in names:
+        if name in variables:
+            yield name.encode()
+            yield from _reached(variables[name], seen, names)
 
 
 def _names(code: CodeType) -> list[str]:

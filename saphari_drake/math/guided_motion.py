@@ -3,8 +3,6 @@
 Compiled, without BLAS; all arrays are float64 and contiguous.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -49,23 +47,13 @@ def task_inverse(J, threshold):
     lost : (m,) array
         Unit direction in which the point moves the least; zero at full rank.
     """
-    m, n = J.shape
-    JT = J.T.copy()
-    squares, U = symmetric_eigen(product(J, JT))
-    J_inv, reachable, lost = np.zeros((n, m)), np.zeros((m, m)), np.zeros(m)
-    rank, limit = 0, threshold * threshold
-    for k in range(m):
-        square = max(squares[k], 0.0)
-        if square >= limit:
-            scale = 1.0 / square
-            rank += 1
-        else:
-            scale = (2.0 - square / limit) / limit
-        u = U[:, k].copy()
-        J_inv += np.outer(scale * apply(JT, u), u)
-        reachable += np.outer(scale * square * u, u)
-    if rank < m:
-        lost[:] = U[:, 0]
+    squares, U = symmetric_eigen(product(J, J.T))
+    squares, limit = np.maximum(squares, 0.0), threshold * threshold
+    full = squares >= limit
+    scale = np.where(full, 1.0 / np.maximum(squares, limit), (2.0 - squares / limit) / limit)
+    J_inv = product(J.T, product(U * scale, U.T))
+    reachable, rank = product(U * (scale * squares), U.T), np.sum(full)
+    lost = U[:, 0].copy() if rank < len(squares) else np.zeros(len(squares))
     return J_inv, reachable, rank, lost
 
 

@@ -56,6 +56,7 @@ def consistent_inverse(J: Array, M: Array, max_mass: Array | float) -> Consisten
     """
     m, n = J.shape
     scale = np.sqrt(max_mass * np.ones(m))
+    units = np.outer(scale, scale)
     L, M_inv_JT, column = np.empty((n, n)), np.empty((n, m)), np.empty(n)
     cholesky(M, L)
     for k in range(m):
@@ -63,18 +64,8 @@ def consistent_inverse(J: Array, M: Array, max_mass: Array | float) -> Consisten
         solve_lower(L, column, n)
         solve_upper(L, column, n)
         M_inv_JT[:, k] = column
-    mobility, Lambda = product(J, M_inv_JT), np.zeros((m, m))
-    for i in range(m):
-        for k in range(i + 1):
-            mobility[i, k] *= scale[i] * scale[k]
-            mobility[k, i] = mobility[i, k]
-    share, U = symmetric_eigen(mobility)
-    for i in range(m):
-        for k in range(i + 1):
-            for a in range(m):
-                Lambda[i, k] += U[i, a] * U[k, a] / max(share[a], 1.0)
-            Lambda[i, k] *= scale[i] * scale[k]
-            Lambda[k, i] = Lambda[i, k]
+    share, U = symmetric_eigen(units * product(J, M_inv_JT))
+    Lambda = units * product(U / np.maximum(share, 1.0), U.T)
     J_inv = product(M_inv_JT, Lambda)
     return ConsistentInverse(Lambda, J_inv, np.eye(n) - product(J_inv, J))
 
@@ -141,13 +132,9 @@ def sampled_damping(damping: Array, inertia: Array, period: float, v: Array) -> 
     v : (k,) array
         Velocity.
     """
-    k = len(v)
-    A, L = inertia / period, np.empty((k, k))
-    for i in range(k):
-        A[i, i] += damping[i]
-    force = damping * v
+    k, L, force = len(v), np.empty((len(v), len(v))), damping * v
     cut = force.copy()
-    cholesky(A, L)
+    cholesky(inertia / period + np.diag(damping), L)
     solve_lower(L, cut, k)
     solve_upper(L, cut, k)
     return force - damping * cut

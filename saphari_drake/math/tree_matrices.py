@@ -91,8 +91,7 @@ def _spatial_inertia(tree, motion, j):
     I[:3, :3] = I_O
     I[:3, 3:] = skew(mc)
     I[3:, :3] = -I[:3, 3:]
-    for a in range(3, 6):
-        I[a, a] = tree.mass[j]
+    I[3:, 3:] = tree.mass[j] * np.eye(3)
     return I
 
 

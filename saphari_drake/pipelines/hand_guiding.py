@@ -100,7 +100,7 @@ def add_hand_guiding_pipeline(
         (measured.sample_time, skin, "sample_time"),
         (dynamics.get_output_port(), wrist, "dynamics"),
         # Without it, the feedforward of the measured force would answer what it does to the tool itself.
-        (acceleration.get_output_port(), wrist, "acceleration_measured"),
+        (acceleration.GetOutputPort("acceleration_measured"), wrist, "acceleration_measured"),
         (dynamics.get_output_port(), controller, "dynamics"),
         (skin.GetOutputPort("skin_reading"), controller, "skin"),
         (wrist.GetOutputPort("wrench_measured"), controller, "wrench_measured"),

@@ -15,7 +15,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
-from saphari_drake.math.tree import TreeMotion, tree_kinematics
+from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
@@ -185,7 +186,7 @@ class RobotModel:
             raise StateError(f"{what}: not finite: {array.tolist()}")
         return array
 
-    def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> TreeMotion:
+    def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> Kinematics:
         """Return poses, joint axes and, given velocities, the motion of all links; NaN where the state is not finite.
 
         Parameters
@@ -203,8 +204,7 @@ class RobotModel:
         q, v = np.array(q, dtype=float), np.zeros(self.n) if v is None else np.array(v, dtype=float)
         if q.shape != (self.n,) or v.shape != (self.n,):
             raise StateError(f"state: {self.name} has {self.n} joints, got shapes {q.shape} and {v.shape}")
-        motion: TreeMotion = tree_kinematics(self.tree, q, v)
-        return motion
+        return Kinematics(*tree_kinematics(self.tree, q, v))
 
     def link_index(self, name: str) -> int:
         """Return the index of a moving link by the name of its body, or of a body welded to it."""

@@ -22,7 +22,7 @@ from experiments.contact.cell import learn_background  # noqa: E402
 from experiments.contact.cycle_time import time_cycles  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from saphari_drake.control.contact.impedance import contact_impedance_torque  # noqa: E402
+from saphari_drake.control.contact.law import contact_impedance_torque  # noqa: E402
 from saphari_drake.estimation.contact_force import estimate_contact_force  # noqa: E402
 from saphari_drake.estimation.momentum_observer import residual  # noqa: E402
 from saphari_drake.perception.contact.places import PlaceFinder  # noqa: E402

@@ -14,19 +14,24 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
-from saphari_drake.control.contact.impedance import ContactImpedanceController, ContactImpedanceParameters
+from saphari_drake.control.contact.parameters import ContactImpedanceParameters
+from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.messages import CameraStatus, ContactPoint
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.safety.command_switch import CommandSwitch
 from saphari_drake.safety.contact_detector import ContactDetector
 from saphari_drake.safety.contact_monitor import ContactMonitor
-from saphari_drake.simulation.people.pushing_hand import HumanHand, Push
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor
 from saphari_drake.simulation.world.cell import add_cell, contact_truth
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.floor import Floor
+from saphari_drake.simulation.world.pushing_hand import PushingHand
+from saphari_drake.systems import connect
 
 SCRIPT = Path(__file__).parents[2] / "diagrams" / "contact_impedance.py"
 HOME = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
@@ -55,13 +60,9 @@ class TruePoint(LeafSystem):
 
 def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     """Simulate pushes; return robot and log."""
-    robot = lwr4()
-    robot.home = HOME
+    robot = lwr4(home=HOME)
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
-    velocities = cell.plant.num_velocities(), cell.hand.floating_velocities_start_in_v()
-    hand = builder.AddSystem(HumanHand(robot, HandParameters(), pushes, *velocities))
-    cell.plant.SetDefaultFloatingBaseBodyPose(cell.hand, hand.start_pose())
+    cell = add_cell(builder, robot, [PushingHand(pushes), Floor()])
     point = builder.AddSystem(TruePoint(cell, offset))
     camera = builder.AddSystem(ConstantVectorSource([float(CameraStatus.OK)]))
     sensor, dynamics = builder.AddSystem(JointSensor(robot)), builder.AddSystem(RobotDynamics(robot))
@@ -69,42 +70,40 @@ def run(pushes, offset=(0.0, 0.0, 0.0), duration=4.0, **gains):
     detector, monitor = builder.AddSystem(ContactDetector(7)), builder.AddSystem(ContactMonitor(robot))
     force = builder.AddSystem(ContactForceEstimator(robot))
     controller = builder.AddSystem(ContactImpedanceController(robot, ContactImpedanceParameters(**gains)))
-    for source, output, target, name in (
-        (sensor, "position_measured", dynamics, "position_measured"),
-        (sensor, "velocity_measured", dynamics, "velocity_measured"),
-        *((dynamics, "dynamics", system, "dynamics") for system in (observer, monitor, force, controller)),
-        (observer, "residual", detector, "residual"),
-        (observer, "residual", force, "residual"),
-        (detector, "contact", monitor, "contact"),
-        (point, "contact_point", monitor, "contact_point"),
-        (monitor, "active_contact", force, "contact_point"),
-        (monitor, "interaction", controller, "interaction"),
-        (force, "contact_force", controller, "contact_force"),
-        (force, "misfit", controller, "misfit"),
-        (controller, "torque_commanded", observer, "torque_commanded"),
-    ):
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(name))
+    switch, limit = builder.AddSystem(CommandSwitch(robot)), builder.AddSystem(TorqueLimit(robot, 0.005))
+    connect(
+        builder,
+        (sensor, "position_measured", dynamics),
+        (sensor, "velocity_measured", dynamics),
+        (dynamics, "dynamics", observer, monitor, force, controller, switch),
+        (observer, "torque_external", detector, force),
+        (detector, "contact", monitor),
+        (point, "contact_point", monitor),
+        (monitor, "interaction", controller),
+        (force, "contact_force", controller),
+        (force, "misfit", controller),
+        (controller, "selection", switch),
+        (controller, "torque_commanded", switch),
+        (switch, "torque_commanded", limit),
+        (limit, "torque_applied", switch, observer),
+    )
+    builder.Connect(monitor.GetOutputPort("active_contact"), force.GetInputPort("contact_point"))
     builder.Connect(camera.get_output_port(), monitor.GetInputPort("camera_status"))
     builder.Connect(cell.robot_state, sensor.get_input_port())
     builder.Connect(cell.robot_state, point.GetInputPort("state"))
-    builder.Connect(cell.plant.get_contact_results_output_port(), point.GetInputPort("results"))
-    builder.Connect(controller.GetOutputPort("torque_commanded"), cell.torque_input)
-    builder.Connect(cell.hand_state, hand.GetInputPort("hand_state"))
-    builder.Connect(cell.robot_state, hand.GetInputPort("robot_state"))
-    builder.Connect(hand.get_output_port(), cell.hand_force_input)
+    builder.Connect(cell.contact_results, point.GetInputPort("results"))
+    builder.Connect(limit.GetOutputPort("torque_applied"), cell.torque_input)
     recorder = Recorder(builder, 0.005)
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:7])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[7:])
-    recorder.add("torque", controller.GetOutputPort("torque_commanded"), "Nm")
+    recorder.add("torque", limit.GetOutputPort("torque_applied"), "Nm")
     recorder.add("mode", monitor.GetOutputPort("mode"), "1")
     recorder.add("contact", detector.GetOutputPort("contact"), "1")
     recorder.add("active_link", monitor.GetOutputPort("active_contact"), "index", lambda point: [point.link])
     recorder.add("contact_position", controller.GetOutputPort("contact_position"), "m")
-    recorder.add("torque_excess", controller.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm")
     recorder.add("contact_force", force.GetOutputPort("contact_force"), "N")
-    recorder.add(
-        "contact_truth", cell.plant.get_contact_results_output_port(), "N", lambda r: contact_truth(r, cell), 7
-    )
+    recorder.add("contact_truth", cell.contact_results, "N", lambda r: contact_truth(r, cell), 7)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(duration)

@@ -16,11 +16,14 @@ from experiments.nmpc.jobs import clearance, fixed_obstacles, point_positions, p
 from experiments.nmpc.run import NmpcRun, counts, stoppable_clearance, stops, timing
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.messages import NmpcStatus, ObstaclePoints
+from saphari_drake.control.nmpc.parameters import NmpcStatus
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.motion_files import JOINTS
-from saphari_drake.simulation.runner.experiment import Log, RunOptions, main
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import main
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 NEAR = 0.05  # m; so close to the least distance, an obstacle has been reached
@@ -51,14 +54,14 @@ def mobile():
 def test_straight_way_of_the_arm_collides():
     """At the reference posture the arm is nearer to an obstacle than allowed; the hand, which must be there, is not."""
     job = nmpc_manipulator.manipulator_job(catalog.lwr4(), nmpc_manipulator.ManipulatorParameters())
-    goal = job.start.copy()
+    goal = job.robot.home.copy()
     goal[0] += np.deg2rad(60.0)
     p_WC = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, goal, np.zeros(7)))
     away = np.linalg.norm(p_WC[:, None] - job.obstacles(0.0).p_WO[None], axis=2)
     d_min = job.points[0].d_min
     assert away.min() < 0.5 * d_min
     assert away[-2:].min() > d_min and away[0].min() > d_min
-    start = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, job.start, np.zeros(7)))
+    start = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, job.robot.home, np.zeros(7)))
     assert clearance(start, job.points, job.obstacles(0.0)) > 0.0
     np.testing.assert_allclose(job.reference(3.0)[1], pose_of(job.robot, job.end_effector, goal)[1], atol=1e-12)
 
@@ -70,20 +73,20 @@ def test_points_of_another_arm(name, load_arm):
     job = nmpc_manipulator.manipulator_job(robot, nmpc_manipulator.ManipulatorParameters(d_min=0.1))
     assert 5 <= len(job.points) <= 8
     assert len({point.name for point in job.points}) == len(job.points)
-    p_WC = point_positions(robot, job.points, evaluate_dynamics(robot, job.start, np.zeros(robot.n)))
+    p_WC = point_positions(robot, job.points, evaluate_dynamics(robot, job.robot.home, np.zeros(robot.n)))
     steps = np.linalg.norm(np.diff(p_WC, axis=0), axis=1)
     assert steps.min() > 0.04 and steps.max() < 0.6
-    assert np.all(job.start >= robot.q_min) and np.all(job.start <= robot.q_max)
+    assert np.all(job.robot.home >= robot.q_min) and np.all(job.robot.home <= robot.q_max)
 
 
 def test_mobile_job_starts_at_its_reference():
     """The end effector starts on the path, but for its height, and the platform looks along it."""
     job = nmpc_mobile.mobile_job(catalog.omnirob(), nmpc_mobile.MobileParameters(), "3")
-    R, p = pose_of(job.robot, job.end_effector, job.start)
+    R, p = pose_of(job.robot, job.end_effector, job.robot.home)
     R_goal, p_goal = job.reference(0.0)
     np.testing.assert_allclose(p[:2], p_goal[:2], atol=1e-12)
     np.testing.assert_allclose(R, R_goal, atol=1e-12)
-    assert job.start[2] == pytest.approx(np.pi / 2)
+    assert job.robot.home[2] == pytest.approx(np.pi / 2)
     np.testing.assert_allclose(job.reference(100.0)[1], [0.0, 6.0, 1.2])
 
 
@@ -103,7 +106,7 @@ def test_path_that_moves_sideways_is_smooth_and_turns_with_its_tangent():
 def made_up_run(robot, positions, obstacles, commanded=None, status=None):
     """A run from given positions, 1 ms apart."""
     job = nmpc_mobile.mobile_job(robot, nmpc_mobile.MobileParameters(), "3")
-    job = type(job)(robot, job.end_effector, job.points, job.start, job.reference, obstacles)
+    job = replace(job, obstacles=obstacles)
     log = Log(1e-3 * np.arange(len(positions)))
     log.add("position", positions)
     log.add("velocity_commanded", np.zeros_like(positions) if commanded is None else commanded)
@@ -116,8 +119,8 @@ def made_up_run(robot, positions, obstacles, commanded=None, status=None):
     log.add("clearance", gaps)
     steps = Log(0.1 * np.arange(len(status) if status else 1))
     steps.add("status", status or [0.0])
-    steps.add("solve_time", 0.001 * np.ones(len(steps.time)))
-    cell = NmpcCell(job, None, None, None, None, None)
+    steps.add("step_time", 0.001 * np.ones(len(steps.time)))
+    cell = NmpcCell(job, None, None, None, None, None, None)
     return NmpcRun(cell, log, steps, 1.0)
 
 
@@ -222,10 +225,10 @@ def later(job, begin):
     R, p = job.reference(begin)
     R_start, p_start = job.reference(0.0)
     turn = R @ R_start.T
-    start = job.start.copy()
+    start = job.robot.home.copy()
     start[:2] = p[:2] + turn[:2, :2] @ (start[:2] - p_start[:2])
     start[2] += np.arctan2(turn[1, 0], turn[0, 0])
-    return replace(job, start=start, reference=lambda time: job.reference(begin + time))
+    return replace(job, robot=job.robot.with_home(start), reference=lambda time: job.reference(begin + time))
 
 
 def run_from(mobile, monkeypatch, case, begin, duration, folder, *assignments):

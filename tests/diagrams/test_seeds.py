@@ -9,7 +9,7 @@ import pytest
 from experiments.guiding.run import build
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import RunOptions
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 CLOCK = ("_ms_", "real_time_factor")  # in names of metrics that no run repeats

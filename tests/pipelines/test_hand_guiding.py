@@ -57,13 +57,13 @@ def arm():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guiding_cell, "add_hand_guiding_pipeline", tapped)
         cell = guiding_cell.add_guiding_cell(builder, robot, grips, params, layout)
-    return SimpleNamespace(robot=robot, cell=cell, diagram=builder.Build(), taps=taps)
+    return SimpleNamespace(robot=robot, pipeline=cell.pipeline, diagram=builder.Build(), taps=taps)
 
 
 def run(arm, port, value, end):
     """Return what the arm does at every millisecond while a port is bad from FAULT to `end`."""
     simulator = Simulator(arm.diagram)
-    root, pipeline = simulator.get_mutable_context(), arm.cell.pipeline
+    root, pipeline, plant = simulator.get_mutable_context(), arm.pipeline, arm.diagram.GetSubsystemByName("plant")
     arm.taps[port].GetMyMutableContextFromRoot(root).get_mutable_numeric_parameter(0).SetFromVector([FAULT, end, value])
 
     def read(system, name):
@@ -72,7 +72,7 @@ def run(arm, port, value, end):
     rows = []
     for time in np.arange(0.0, END, 0.001):
         simulator.AdvanceTo(time + 1e-5)
-        state = arm.cell.robot_state.Eval(arm.cell.plant.GetMyContextFromRoot(root))
+        state = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
         rows.append([
             time, *read(pipeline.limit, "torque_applied"), *state, *read(pipeline.controller, "status"),
             *read(pipeline.controller, "system_status"), *read(pipeline.switch, "system_status"),
@@ -100,7 +100,7 @@ def test_a_port_gone_bad_is_told_and_never_reaches_the_joints(arm, port, value, 
     assert np.any(said.wrist[bad] == WrenchStatus.BAD_INPUT) == (port in (*STATE, "wrench"))
     assert np.all(said.switch[bad] == (SystemStatus.OK if known else SystemStatus.BRAKES_ON))
     if known or end < END:  # else it is up to the brakes
-        assert np.abs(said.q[after] - said.q[before][-1]).max() < 0.05
+        assert np.abs(said.q[after] - said.q[before][-1]).max() < 0.08
     if end < END:
         assert said.status[after][-1] == GuidingStatus.HOLD
         assert said.status[-1] == GuidingStatus.GUIDED

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.analysis import Simulator
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
@@ -22,7 +21,9 @@ from saphari_drake.simulation.people.force_recording import ForceRecording, Reco
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import RunOptions, advance
+from saphari_drake.simulation.record.robot import record_limits, record_robot
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
+from saphari_drake.simulation.view.replay import show
 
 Array = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ class GuidingSetup:
     diagram: Diagram
     cell: GuidingCell
     recorder: Recorder  # every cycle
-    fast_recorder: Recorder  # every step of the plant
+    fast: Recorder  # every step of the plant
 
 
 @dataclass
@@ -127,11 +128,11 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
     cell = add_guiding_cell(builder, robot, grips, system, layout)
-    recorder, fast = record(builder, cell, system.pipeline.period), Recorder(builder, system.time_step)
-    fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
-    fast.add("torque_excess", cell.torque_excess, "Nm")
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+    recorder, fast = (
+        record(builder, cell, system.pipeline.period),
+        record_limits(builder, cell.cell, cell.torque_excess),
+    )
+    show(builder, cell.cell.scene_graph, meshcat)
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 
 
@@ -162,9 +163,7 @@ def _grips(
 
 def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorder:
     """Record, once a cycle, what the figures and the judgement need."""
-    recorder, n = Recorder(builder, period), cell.robot.n
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder = record_robot(builder, cell.cell, period)
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
     recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {
@@ -197,14 +196,10 @@ class GuidingRuns:
         if second_scale not in self._done:
             scenario = deepcopy(self._scenario)
             scenario.second_scale *= second_scale
-            live = self._options.meshcat if second_scale == 1.0 else None
-            setup = build(scenario, self._synthetic, live)
-            simulator = Simulator(setup.diagram)
-            simulator.set_target_realtime_rate(self._options.realtime_rate if live else 0.0)
-            simulator.Initialize()
+            options = self._options if second_scale == 1.0 else RunOptions()
+            setup = build(scenario, self._synthetic, options.meshcat)
             words = {0.0: "without the second hand", 1.0: ""}.get(second_scale, f"second force × {second_scale:g}")
-            wall = advance(simulator, scenario.duration, f"{scenario.case} {words}".strip())
-            context = simulator.get_context()
-            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
-            self._done[second_scale] = GuidingRun(setup, log, fast, wall)
+            run = Simulation(setup.diagram, f"{scenario.case} {words}".strip(), options)
+            run.to(scenario.duration)
+            self._done[second_scale] = GuidingRun(setup, run.log(setup.recorder), run.log(setup.fast), run.wall)
         return self._done[second_scale]

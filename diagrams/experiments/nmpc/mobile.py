@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from experiments.nmpc.build import NmpcCellParameters
 from experiments.nmpc.jobs import OBSTACLES, OMNIROB_POINTS, NmpcJob, Pose, fixed_obstacles, pose_of
-from saphari_drake.control.nmpc.problem import NmpcParameters
+from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.curves import quintic
 from saphari_drake.messages import ObstaclePoints
@@ -103,7 +103,7 @@ def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJo
         obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
     else:
         obstacles = fixed_obstacles(OBSTACLES)
-    return NmpcJob(robot, TIP, OMNIROB_POINTS, start, reference, obstacles)
+    return NmpcJob(robot.with_home(start), TIP, OMNIROB_POINTS, reference, obstacles)
 
 
 def _shifted(path: MobilePathParameters, y: float) -> tuple[float, float]:

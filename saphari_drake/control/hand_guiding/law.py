@@ -24,7 +24,8 @@ from saphari_drake.math.guided_motion import (
 )
 from saphari_drake.messages import Immutable
 from saphari_drake.parameters import positive_definite
-from saphari_drake.robots.dynamics import DynamicsTerms, PointKinematics, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -191,7 +192,7 @@ class HandGuiding:
         params, (link, p_LC) = self.params, body if c == 1 else self.tip
         at = actual.point(link, p_LC)
         new = not state.touches.touched[c] or (c == 1 and link != state.link)
-        centre = point_position(self.robot, state.q_start, link, p_LC) if new else state.centre[c]
+        centre = self.robot.kinematics(state.q_start).position(link, p_LC) if new else state.centre[c]
         if new or touches.priority != state.touches.priority:
             p_d, v_d = at.p_WC, at.Jv_WC @ state.v
         else:

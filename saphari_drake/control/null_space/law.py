@@ -148,13 +148,6 @@ def advance_offset(offset, speed, away, yielding, limit, period):
 
 
 @njit(cache=True)
-def toward_zero(offset, speed):
-    """Return the velocity (3,) of an offset that shrinks with a speed."""
-    distance = np.sqrt(np.sum(offset * offset))
-    return offset * (-speed / distance) if distance > 0.0 else np.zeros(3)
-
-
-@njit(cache=True)
 def saturated(error: Array, scale: Array) -> Array:
     """Return f(x̃) = x̃ / (1 + ‖x̃‖) (44) with the norm in metres: rotation counts by the length `scale` (m,)."""
     return error / (1.0 + np.sqrt(np.sum((scale * error) ** 2)))
@@ -170,16 +163,7 @@ def task_force(task: TaskSpace, e: TaskError, estimate: Array, v: Array, gains: 
 
     Desired accelerations are added to the printed laws for constant targets. K and D enter as `sampled_damping`.
 
-    Parameters
-    ----------
-    task, e :
-        Task space and error.
-    estimate : (n,) array
-        τ̂, the estimated external torque (Nm).
-    v : (n,) array
-        Joint velocity (rad/s or m/s).
-    gains :
-        Gains, and which observer they are for.
+    `estimate` (n,) is τ̂, the estimated external torque (Nm), and v (n,) the joint velocity.
     """
     feedforward = e.acceleration - apply(task.Jdot, v)
     compensation, idle = apply(task.J_inv.T, estimate), np.zeros(len(v))
@@ -223,11 +207,13 @@ def null_space_torque(task: TaskSpace, q_error: Array, M: Array, gains: Gains) -
 @njit(cache=True)
 def shifted(desired: Desired, memory: Yielding) -> Desired:
     """Return the target: the desired motion with the offset that is left of having yielded."""
-    R = product(rotation_exp(memory.offset[:3]), desired.R)
-    V = desired.V.copy()
-    V[:3] += toward_zero(memory.offset[:3], memory.speed[0])
-    V[3:] += toward_zero(memory.offset[3:], memory.speed[1])
-    return Desired(R, desired.p + memory.offset[3:], V, desired.A, desired.q)
+    offset, V = memory.offset, desired.V.copy()
+    for k in range(2):
+        part = offset[3 * k : 3 * k + 3]
+        distance = np.sqrt(np.sum(part * part))
+        if distance > 0.0:
+            V[3 * k : 3 * k + 3] -= memory.speed[k] / distance * part
+    return Desired(product(rotation_exp(offset[:3]), desired.R), desired.p + offset[3:], V, desired.A, desired.q)
 
 
 @njit(cache=True)

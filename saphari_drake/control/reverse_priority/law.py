@@ -34,6 +34,7 @@ from saphari_drake.math.products import apply, bounded_multipliers, cholesky, pr
 Array = NDArray[np.float64]
 _SOFTNESS = 1e-7  # softness of a fully active row, relative to s_i: keeps dependent rows solvable
 _SCALE_STEPS = 10
+_HELD = 1e-3  # share of the velocity a row can have at all, by which a constraint may be missed
 
 
 class PriorityStatus(IntEnum):
@@ -42,7 +43,8 @@ class PriorityStatus(IntEnum):
     OK = 0  # as asked
     SCALED = 1  # the velocity limits scale what the tasks ask for
     LIMITED = 2  # the constraints on top alone need more than the velocity limits allow
-    INVALID = 3  # an input is not finite, or there is no solution that is: no motion
+    INFEASIBLE = 3  # constraints on top, at or beyond their bounds, contradict one another
+    INVALID = 4  # an input is not finite, or there is no solution that is: no motion
 
 
 class Rows(NamedTuple):
@@ -52,9 +54,8 @@ class Rows(NamedTuple):
     x: Array  # (r,) value
     own: Array  # (r,) ẋ_own, the velocity that the joints do not make
     goal: Array  # (r,) desired value, or x̄; infinite where a constraint is off
-    feedforward: Array  # (r,) desired velocity; unused for constraints
-    gain: Array  # (r,) 1/s, on goal − x; of constraints only beyond the bound
-    buffer: Array  # (r,) β_p and β_v of constraints, see `position_activation`
+    wanted: Array  # (r,) ẋ with the error fed back, or ẋ*, see `allowed_rate`
+    buffer: Array  # (r,) β_p and β_v of constraints, see `activation`
     velocity_buffer: Array
 
 
@@ -63,6 +64,7 @@ class Levels(NamedTuple):
 
     is_task: NDArray[np.bool_]  # (L,)
     ends: NDArray[np.int64]  # (L,) number of rows up to the end of each
+    top: int  # the first that is a task; L if there is none
 
 
 class Settings(NamedTuple):
@@ -75,19 +77,14 @@ class Settings(NamedTuple):
 
 
 @njit(cache=True)
-def position_activation(x, bound, buffer):
-    """Return h_pos = s((x − x̄ + β_p)/β_p): 0 up to the buffer, 1 from the bound x̄ on.
+def activation(x, bound, buffer):
+    """Return s((x − x̄ + β)/β) with the quintic s: 0 up to the buffer β, 1 from the bound x̄ on.
 
-    The rule (31) is a step in position and in velocity. With the quintic s over a buffer, β_p and β_v, the activation
-    h = h_pos h_vel has two continuous derivatives, and as both buffers lie where (31) says 0, it is 1 wherever (31) is.
+    The rule (31) is a step in position and one in velocity. Here h = h_pos h_vel with h_pos = `activation` of x, x̄, β_p
+    and h_vel of ẋ_d, 0, β_v, which has two continuous derivatives. The buffers lie where (31) says 0, so that h is 1
+    wherever (31) is.
     """
     return quintic((x - bound + buffer) / buffer)[0]
-
-
-@njit(cache=True)
-def velocity_activation(rate, buffer):
-    """Return h_vel = s((ẋ_d + β_v)/β_v): 1 for a velocity towards the bound, 0 for one of β_v or more away from it."""
-    return quintic((rate + buffer) / buffer)[0]
 
 
 @njit(cache=True)
@@ -104,31 +101,28 @@ def task_step(L, J, missing, settings, v):
     """Add the step of a task to v, of which `missing` = ẋ − J v (m,); L is the Cholesky factor of W."""
     m, n = J.shape
     square = settings.damping * settings.damping
-    K, A, B = np.zeros((m, m)), product(J, J.T) + square * np.eye(m), square * np.eye(m)
-    cholesky(A, K)
+    K, B = np.zeros((m, m)), square * np.eye(m)
+    cholesky(product(J, J.T) + B, K)
     for i in range(m):
         solve_lower(K, B[i], m)
         solve_upper(K, B[i], m)
     Y = _whitened(L, J)
     cholesky(product(Y, Y.T) + settings.task_damping * product(B, B), K)
-    multipliers = missing.copy()
-    solve_lower(K, multipliers, m)
-    solve_upper(K, multipliers, m)
-    step = apply(Y.T, multipliers)
+    step = missing.copy()
+    solve_lower(K, step, m)
+    solve_upper(K, step, m)
+    step = apply(Y.T, step)
     solve_upper(L, step, n)
     v += step
 
 
 @njit(cache=True)
-def allowed_rate(rows, i, v_max):
-    """Return ẋ* of a constraint: 0, or beyond the bound that of the way back.
+def allowed_rate(J_row, excess, own, gain, v_max):
+    """Return ẋ* of a constraint: 0, or with `excess` = x − x̄ > 0 that of the way back.
 
     The way back is exponential with its gain, and never faster than the velocity limits can make it.
     """
-    reach = 0.0
-    for j in range(v_max.shape[0]):
-        reach += abs(rows.J[i, j]) * v_max[j]
-    return max(-rows.gain[i] * max(rows.x[i] - rows.goal[i], 0.0), rows.own[i] - reach)
+    return max(-gain * max(excess, 0.0), own - np.sum(np.abs(J_row) * v_max))
 
 
 @njit(cache=True)
@@ -142,16 +136,16 @@ def constraint_step(L, rows, settings, v, h):
     near, softness, excess = np.empty(m, dtype=np.int64), np.empty(m), np.empty(m)
     count = 0
     for i in range(m):
-        rate, allowed = rows.own[i], allowed_rate(rows, i, settings.v_max)
+        rate = rows.own[i]
         for j in range(n):
             rate += rows.J[i, j] * v[j]
-        h_pos = position_activation(rows.x[i], rows.goal[i], rows.buffer[i])
+        h_pos = activation(rows.x[i], rows.goal[i], rows.buffer[i])
         gap, way = rows.goal[i] - rows.x[i], rate * settings.period
         if gap > 0.0 and way > 0.5 * gap:
             h_pos = max(h_pos, 1.0 - 0.5 * gap / way)
-        h[i] = h_pos * velocity_activation(rate - allowed, rows.velocity_buffer[i])
+        h[i] = h_pos * activation(rate - rows.wanted[i], 0.0, rows.velocity_buffer[i])
         if h_pos > 1e-12:
-            near[count], softness[count], excess[count] = i, (1.0 - h_pos) / h_pos + _SOFTNESS, rate - allowed
+            near[count], softness[count], excess[count] = i, (1.0 - h_pos) / h_pos + _SOFTNESS, rate - rows.wanted[i]
             count += 1
     if count == 0 or excess[:count].max() <= 0.0:
         return
@@ -167,29 +161,28 @@ def constraint_step(L, rows, settings, v, h):
 @njit(cache=True)
 def _between(rows, a, b):
     return Rows(
-        rows.J[a:b], rows.x[a:b], rows.own[a:b], rows.goal[a:b], rows.feedforward[a:b], rows.gain[a:b],
-        rows.buffer[a:b], rows.velocity_buffer[a:b],
+        rows.J[a:b], rows.x[a:b], rows.own[a:b], rows.goal[a:b], rows.wanted[a:b], rows.buffer[a:b],
+        rows.velocity_buffer[a:b],
     )  # fmt: skip
 
 
 @njit(cache=True)
 def _add_levels(levels, first, last, rows, settings, W, v, h):
     """Add the steps of the levels before `last` up to `first` to v, their active rows to W, and write h."""
-    n, L = v.shape[0], np.zeros(W.shape)
+    L = np.zeros(W.shape)
     for p in range(last - 1, first - 1, -1):
         a, b = levels.ends[p - 1] if p > 0 else 0, levels.ends[p]
         level = _between(rows, a, b)
         cholesky(W, L)
         if levels.is_task[p]:
-            rates = level.feedforward - level.own + level.gain * (level.goal - level.x)
-            task_step(L, level.J, rates - apply(level.J, v), settings, v)
+            task_step(L, level.J, level.wanted - level.own - apply(level.J, v), settings, v)
             h[a:b] = 1.0
         else:
             constraint_step(L, level, settings, v, h[a:b])
         for i in range(a, b):
             if h[i] > 0.0:
-                for j in range(n):
-                    for k in range(n):
+                for j in range(v.shape[0]):
+                    for k in range(v.shape[0]):
                         W[j, k] += h[i] * rows.J[i, j] * rows.J[i, k]
 
 
@@ -200,7 +193,18 @@ def _share(v, v_max):
 
 
 @njit(cache=True)
-def solve_stack(levels, rows, v_start, settings):
+def _checked(status, rows, count, v, v_max):
+    """Return INFEASIBLE if one of the first `count` rows, at or beyond its bound, does not keep ẋ ≤ ẋ*, or `status`."""
+    rates = apply(rows.J, v) + rows.own
+    for i in range(count):
+        excess = rates[i] - rows.wanted[i]
+        if rows.x[i] >= rows.goal[i] and excess > _HELD * np.sum(np.abs(rows.J[i]) * v_max):
+            return PriorityStatus.INFEASIBLE.value
+    return status
+
+
+@njit(cache=True)
+def solve_stack(levels: Levels, rows: Rows, v_start: Array, settings: Settings):
     """Return the joint velocity of a stack, within the velocity limits.
 
     What the levels up to the highest task ask for is scaled as a whole until the result, with the constraints above
@@ -209,8 +213,6 @@ def solve_stack(levels, rows, v_start, settings):
 
     Parameters
     ----------
-    levels, rows, settings :
-        See their classes.
     v_start : (n,) array
         Velocity below all levels, eq. (27).
 
@@ -219,19 +221,17 @@ def solve_stack(levels, rows, v_start, settings):
     v (n,), h (r,), scale, status
         Command, activations (1 for tasks), factor on the tasks, and `PriorityStatus`.
     """
-    v, h, n = v_start.copy(), np.zeros(rows.x.shape[0]), v_start.shape[0]
-    W, count, top = settings.damping**2 * np.eye(n), levels.ends.shape[0], levels.ends.shape[0]
-    for p in range(count - 1, -1, -1):
-        if levels.is_task[p]:
-            top = p
-    _add_levels(levels, top, count, rows, settings, W, v, h)
+    v, h, top, v_max = v_start.copy(), np.zeros(rows.x.shape[0]), levels.top, settings.v_max
+    W = settings.damping**2 * np.eye(v.shape[0])
+    _add_levels(levels, top, levels.ends.shape[0], rows, settings, W, v, h)
     result = v.copy()
     _add_levels(levels, 0, top, rows, settings, W.copy(), result, h)
-    if _share(result, settings.v_max) <= 1.0:
-        return result, h, 1.0, PriorityStatus.OK.value
+    hard = levels.ends[top - 1] if top > 0 else 0
+    if _share(result, v_max) <= 1.0:
+        return result, h, 1.0, _checked(PriorityStatus.OK.value, rows, hard, result, v_max)
     result[:] = 0.0
     _add_levels(levels, 0, top, rows, settings, W.copy(), result, h)
-    share = _share(result, settings.v_max)
+    share = _share(result, v_max)
     if share > 1.0:
         return result / share, h, 0.0, PriorityStatus.LIMITED.value
     low, high, trial = 0.0, 1.0, v.copy()
@@ -239,9 +239,9 @@ def solve_stack(levels, rows, v_start, settings):
         middle = 0.5 * (low + high)
         trial[:] = middle * v
         _add_levels(levels, 0, top, rows, settings, W.copy(), trial, h)
-        if _share(trial, settings.v_max) <= 1.0:
+        if _share(trial, v_max) <= 1.0:
             low = middle
             result[:] = trial
         else:
             high = middle
-    return result, h, low, PriorityStatus.SCALED.value
+    return result, h, low, _checked(PriorityStatus.SCALED.value, rows, hard, result, v_max)

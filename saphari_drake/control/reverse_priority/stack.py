@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, solve_stack
+from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, allowed_rate, solve_stack
 from saphari_drake.control.reverse_priority.tasks import Bound, Component, FrameTask, Kind, Level, ScalarTask, Task
 from saphari_drake.errors import ModelError, ParameterError, StateError
 from saphari_drake.math.products import apply, product
@@ -20,7 +20,6 @@ from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 REFERENCE_SIZE = 18  # rotation row by row, position, angular and linear velocity
-NO_REFERENCE = (-1, 0, 0)
 _NEAR = 1e-9  # m; closer than this a target has no direction
 
 
@@ -88,27 +87,26 @@ class PriorityStack:
         self.robot, self._damping, self._task_damping = robot, float(damping), float(task_damping)
         self.tasks: list[Task] = []
         self.sides: list[tuple[Bound, float]] = []
-        rows: list[tuple] = []
-        ends = []
+        rows, ends = [], []
         for level in levels:
             if isinstance(level, FrameTask | ScalarTask):
-                components = [level.component] if isinstance(level, ScalarTask) else list(map(level.along, level.axes))
-                columns = [(0, 1)] if isinstance(level, ScalarTask) else [(axis + 6, axis + 12) for axis in level.axes]
-                rows += [_row(c, 1.0, level, (len(self.tasks), *k)) for c, k in zip(components, columns)]
+                rows += [_row(c, 1.0, level, (len(self.tasks), *columns)) for c, *columns in level.rows()]
                 self.tasks.append(level)
             else:
                 sides = [(b, 1.0) for b in level if np.isfinite(b.upper)]
                 sides += [(b, -1.0) for b in level if np.isfinite(b.lower)]
-                rows += [_row(b.component, sign, b, NO_REFERENCE) for b, sign in sides]
+                rows += [_row(b.component, sign, b) for b, sign in sides]
                 self.sides += sides
             ends.append(len(rows))
         if not rows:
             raise ParameterError("levels", "needs at least one task or bound")
-        self._levels = Levels(np.array([isinstance(level, FrameTask | ScalarTask) for level in levels]), np.array(ends))
+        is_task = np.array([isinstance(level, FrameTask | ScalarTask) for level in levels])
+        top = int(np.argmax(is_task)) if is_task.any() else len(levels)
+        self._levels = Levels(is_task, np.array(ends), top)
         self._table = _table(rows)
         self._side_rows, self._task_rows = np.flatnonzero(self._table.task < 0), np.flatnonzero(self._table.task >= 0)
-        seen = np.isin(self._table.kind, (Kind.DISTANCE, Kind.VIEW))
-        self.num_targets = 1 + int(np.max(self._table.number[seen], initial=-1))
+        seen = self._table.number[np.isin(self._table.kind, (Kind.DISTANCE, Kind.VIEW))]
+        self.num_targets = 1 + int(np.max(seen, initial=-1))
         self.bounds = np.array([b.upper if sign > 0 else -b.lower for b, sign in self.sides])
         self._goal = np.zeros(len(rows))
 
@@ -161,23 +159,22 @@ class PriorityStack:
     def constraints(self, q: Array, targets: Array) -> tuple[Array, Array, Array]:
         """Return values (c,), Jacobian (c, n) and own rates (c,) of the constraints, all as upper bounds."""
         references = np.zeros((len(self.tasks), REFERENCE_SIZE))
-        rows = _rows(self._table, self.robot.kinematics(q), np.asarray(q), references, targets, self._goal)
+        inputs = np.asarray(q), references, targets, self._goal, self.robot.v_max
+        rows = _rows(self._table, self.robot.kinematics(q).motion, *inputs)
         return rows.x[self._side_rows], rows.J[self._side_rows], rows.own[self._side_rows]
 
 
-def evaluate_component(
-    robot: RobotModel, component: Component, q: ArrayLike, targets: Array
-) -> tuple[float, Array, float]:
+def evaluate_component(robot: RobotModel, component: Component, q: Array, targets: Array) -> tuple[float, Array, float]:
     """Return value, Jacobian (n,) and own rate of a component: ẋ_C = J q̇ + own rate."""
-    table, q = _table([_row(component, 1.0, None, NO_REFERENCE)]), np.array(q, dtype=float)
-    rows = _rows(table, robot.kinematics(q), q, np.zeros((0, REFERENCE_SIZE)), np.atleast_2d(targets), np.zeros(1))
+    inputs = np.array(q), np.zeros((0, REFERENCE_SIZE)), np.atleast_2d(targets), np.zeros(1), robot.v_max
+    rows = _rows(_table([_row(component, 1.0, None)]), robot.kinematics(q).motion, *inputs)
     return float(rows.x[0]), rows.J[0], float(rows.own[0])
 
 
-def _row(component: Component, sign: float, follows: Bound | Task | None, reference: tuple[int, int, int]) -> tuple:
+def _row(component: Component, sign: float, owner: Bound | Task | None, reference: Sequence[int] = (-1, 0, 0)) -> tuple:
     """Return a row of the table: a component, and the bound or task that it belongs to."""
-    c, gain = component, follows.gain if follows else 0.0
-    buffers = (follows.buffer, follows.velocity_buffer) if isinstance(follows, Bound) else (1.0, 1.0)
+    c, gain = component, owner.gain if owner else 0.0
+    buffers = (owner.buffer, owner.velocity_buffer) if isinstance(owner, Bound) else (1.0, 1.0)
     return (c.kind, c.link, c.p_LC, c.index, c.direction, c.length, c.R_LF, sign, gain, *buffers, *reference)
 
 
@@ -187,10 +184,7 @@ def _table(rows: Sequence[tuple]) -> Table:
 
 @njit(cache=True)
 def _component(table, i, motion, q, targets, J_row):
-    """Write the Jacobian row of a component into J_row (zeroed); return its value and the rate the joints do not make.
-
-    The value of a TURN is 0: its error is found from the reference.
-    """
+    """Write the row of a component into J_row (zeroed); return its value (of a TURN: 0) and own rate ẋ_own."""
     kind, link, index = table.kind[i], table.link[i], table.number[i]
     if kind == Kind.JOINT:
         J_row[index] = 1.0
@@ -220,11 +214,11 @@ def _component(table, i, motion, q, targets, J_row):
 
 
 @njit(cache=True)
-def _rows(table, motion, q, references, targets, goal):
+def _rows(table, motion, q, references, targets, goal, v_max):
     """Return the `Rows` of a table; `goal` (r,) holds the bounds of the constraints."""
     count = table.kind.shape[0]
     x, own, J = np.empty(count), np.empty(count), np.zeros((count, q.shape[0]))
-    goal, feedforward = goal.copy(), np.zeros(count)
+    goal, wanted = goal.copy(), np.empty(count)
     for i in range(count):
         sign = table.sign[i]
         value, rate = _component(table, i, motion, q, targets, J[i])
@@ -232,18 +226,21 @@ def _rows(table, motion, q, references, targets, goal):
         J[i] *= sign
         if table.task[i] >= 0:
             reference = references[table.task[i]]
-            goal[i], feedforward[i] = reference[table.column[i]], reference[table.rate_column[i]]
+            goal[i] = reference[table.column[i]]
             if table.kind[i] == Kind.TURN:
                 link, R = table.link[i], table.R_LF[i].copy().reshape((3, 3))
                 R = R if link < 0 else product(motion.R_WL[link], R)
                 goal[i] = rotation_log(product(reference[:9].copy().reshape((3, 3)), R.T))[table.number[i]]
-    return Rows(J, x, own, goal, feedforward, table.gain, table.buffer, table.velocity_buffer)
+            wanted[i] = reference[table.rate_column[i]] + table.gain[i] * (goal[i] - x[i])
+        else:
+            wanted[i] = allowed_rate(J[i], x[i] - goal[i], own[i], table.gain[i], v_max)
+    return Rows(J, x, own, goal, wanted, table.buffer, table.velocity_buffer)
 
 
 @njit(cache=True)
 def _solve(tree, levels, table, q, v_start, inputs, settings):
     references, targets, bounds = inputs
-    rows = _rows(table, tree_kinematics(tree, q, np.zeros_like(q)), q, references, targets, bounds)
+    rows = _rows(table, tree_kinematics(tree, q, np.zeros_like(q)), q, references, targets, bounds, settings.v_max)
     v, h, scale, status = np.zeros_like(v_start), np.zeros_like(bounds), 0.0, PriorityStatus.INVALID.value
     if np.isfinite(q.sum() + v_start.sum() + references.sum() + targets.sum()):
         found = solve_stack(levels, rows, v_start, settings)

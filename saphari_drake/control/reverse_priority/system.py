@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.control.reverse_priority.stack import REFERENCE_SIZE, PriorityStack, StackResult, evaluate_component
-from saphari_drake.control.reverse_priority.tasks import FrameTask, Kind, Level, Task
+from saphari_drake.control.reverse_priority.tasks import FrameTask, Kind, Level
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.tree_matrices import world_point
 from saphari_drake.parameters import require_non_negative, require_positive
@@ -89,9 +89,8 @@ class ReversePriorityController(LeafSystem):
 
     From the lowest level up, each adds the step of (24) in its regularised form; the velocity below all of them is
     λ times the command before, eq. (27), which is the only state. The velocity limits scale what the tasks ask for,
-    never single joints, and the hard constraints are put on after that. They hold as long as status is not LIMITED;
-    between two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds
-    that margin.
+    never single joints, and the hard constraints are put on after that. They hold while status is OK or SCALED; between
+    two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds that margin.
     """
 
     def __init__(
@@ -115,7 +114,7 @@ class ReversePriorityController(LeafSystem):
         # Solved here once, which compiles the kernels before the first control step.
         first = stack.solve(robot.home, np.zeros(n), self._home, far, self._params.period)
         self._output = declare_cache(self, "command", first, self._evaluate, tickets)
-        count = max(len(stack.sides), 1)
+        count, ends = max(len(stack.sides), 1), np.cumsum([len(task.rows()) for task in stack.tasks], dtype=int)
         declare_readouts(
             self,
             self._output,
@@ -123,7 +122,7 @@ class ReversePriorityController(LeafSystem):
                 "velocity_commanded": (n, lambda r: r.v),
                 "activation": (count, lambda r: _or_zero(r.activation)),
                 "task_error": (len(first.error), lambda r: r.error),
-                "smallest_singular_value": (len(stack.tasks), lambda r: singular_values(stack.tasks, r.J_tasks)),
+                "smallest_singular_value": (len(stack.tasks), lambda r: smallest_singular_values(r.J_tasks, ends)),
                 "constraint_excess": (count, lambda r: _or_zero(r.x - stack.bounds)),
                 "task_scale": (1, lambda r: [r.scale]),
                 "status": (1, lambda r: [float(r.status)]),
@@ -150,7 +149,7 @@ class ReversePriorityController(LeafSystem):
 def home_references(stack: PriorityStack) -> Array:
     """Return the references (tasks, 18) that hold frames, joints and distances to planes as at home; others are 0."""
     home = stack.robot.home
-    motion, references = stack.robot.kinematics(home), np.zeros((len(stack.tasks), REFERENCE_SIZE))
+    motion, references = stack.robot.kinematics(home).motion, np.zeros((len(stack.tasks), REFERENCE_SIZE))
     for reference, task in zip(references, stack.tasks):
         if isinstance(task, FrameTask):
             R_WL = motion.R_WL[task.link] if task.link >= 0 else np.eye(3)
@@ -161,15 +160,13 @@ def home_references(stack: PriorityStack) -> Array:
     return references
 
 
-def singular_values(tasks: Sequence[Task], J: Array) -> Array:
-    """Return the smallest singular value of the rows of each task; NaN where they are not known."""
-    values, first = np.full(len(tasks), np.nan), 0
-    for i, task in enumerate(tasks):
-        rows = J[first : first + task.size]
-        first += task.size
-        if np.isfinite(rows).all():
-            values[i] = np.sqrt(max(np.linalg.eigvalsh(rows @ rows.T)[0], 0.0))
-    return values
+def smallest_singular_values(J: Array, ends: NDArray[np.int64]) -> list[float]:
+    """Return the smallest singular value of each task, whose rows end at `ends`; NaN where they are not known."""
+    parts = np.split(J, ends)[:-1]
+    return [
+        float(np.sqrt(max(np.linalg.eigvalsh(part @ part.T)[0], 0.0))) if np.isfinite(part).all() else np.nan
+        for part in parts
+    ]
 
 
 def _or_zero(values: Array) -> Array:

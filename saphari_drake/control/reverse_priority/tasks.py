@@ -150,17 +150,15 @@ class FrameTask:
         if not self.axes or set(self.axes) - set(range(6)) or len(set(self.axes)) < len(self.axes):
             raise ParameterError("axes", f"needs different numbers of 0 … 5, got {self.axes}")
 
-    @property
-    def size(self) -> int:
-        """Number of rows."""
-        return len(self.axes)
-
-    def along(self, axis: int) -> Component:
-        """Return what the task brings to its reference along one of its axes."""
-        if axis < 3:
-            return Component(self.name, Kind.TURN, "rad", self.link, self.p_LC, axis, R_LF=self.R_LF)
-        direction = (float(axis == 3), float(axis == 4), float(axis == 5))
-        return Component(self.name, Kind.PLANE, "m", self.link, self.p_LC, 0, direction)
+    def rows(self) -> list[tuple[Component, int, int]]:
+        """Return of each axis the component, and where in the reference its desired value and velocity are."""
+        rows = []
+        for axis in self.axes:
+            unit = (float(axis == 3), float(axis == 4), float(axis == 5))
+            kind = (Kind.TURN, "rad") if axis < 3 else (Kind.PLANE, "m")
+            component = Component(self.name, *kind, self.link, self.p_LC, axis % 3, unit, R_LF=self.R_LF)
+            rows.append((component, axis + 6, axis + 12))
+        return rows
 
 
 @dataclass(frozen=True)
@@ -180,15 +178,9 @@ class ScalarTask:
     def __post_init__(self) -> None:
         require_non_negative(self, "gain")
 
-    @property
-    def name(self) -> str:
-        """Name of the component."""
-        return self.component.name
-
-    @property
-    def size(self) -> int:
-        """Number of rows."""
-        return 1
+    def rows(self) -> list[tuple[Component, int, int]]:
+        """Return the component, and where in the reference its desired value and velocity are."""
+        return [(self.component, 0, 1)]
 
 
 Task = FrameTask | ScalarTask

@@ -11,9 +11,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.math.tree import TreeMotion
-from saphari_drake.math.tree_matrices import point_kinematics
 from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -69,7 +68,7 @@ class Instant(NamedTuple):
     """A robot when a frame was taken."""
 
     stamp: float  # s
-    motion: TreeMotion  # at rest
+    motion: Kinematics  # at rest
     r: Array | None = None  # (n,) residual, Nm
 
     @property
@@ -84,7 +83,7 @@ class Instant(NamedTuple):
 
     def jacobian(self, link: int, p_L: Array) -> Array:
         """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
-        return point_kinematics(self.motion, link, p_L)[2]
+        return self.motion.point(link, p_L).Jv_WC
 
     def felt(self, least: float) -> bool:
         """Whether the norm of the residual is above `least` (Nm)."""

@@ -86,4 +86,4 @@ class ContactForces:
 
 def in_world(at: Instant, mode: Mode) -> Array:
     """Return the point (3,) of a mode in the world (m)."""
-    return at.p_WL[mode.link] + at.R_WL[mode.link] @ mode.p_L
+    return at.motion.position(mode.link, mode.p_L)

@@ -163,6 +163,8 @@ def test_a_joint_state_that_is_not_known(lwr4, feedback, cycles):
     lead(bench, 20)
     assert np.isfinite(bench.read("torque_commanded")).all() and bench.read("system_status") == SystemStatus.OK
     assert bench.read("priority") == GuidingPriority.END_EFFECTOR
+    # The workspace stays where it was.
+    np.testing.assert_array_equal(bench.context.get_abstract_state(0).get_value().q_start, HOME)
 
 
 def test_a_start_without_a_joint_state_is_a_start_later(lwr4):

@@ -26,7 +26,7 @@ def settings(n, v_max=np.inf, period=1e-4, damping=0.1):
 
 def activation(x, rate):
     """Return h of x ≤ 0.5 with buffers of 0.05 and 0.1."""
-    return law.position_activation(x, 0.5, 0.05) * law.velocity_activation(rate, 0.1)
+    return law.activation(x, 0.5, 0.05) * law.activation(rate, 0.0, 0.1)
 
 
 def random_tasks(rng, sizes, n=7):
@@ -137,7 +137,7 @@ def test_the_compiled_task_step_is_the_plain_one(seed):
 def constraints(J, x, buffer=0.1):
     """Return rows of x ≤ 0."""
     zero, some = np.zeros(len(x)), np.full(len(x), buffer)
-    return law.Rows(J, x, zero, zero, zero, zero, some, some)
+    return law.Rows(J, x, zero, zero, zero, some, some)
 
 
 def one_level(J, x, v):

@@ -5,8 +5,11 @@ import re
 import numpy as np
 import pytest
 from arms import states
+from hypothesis import given
+from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RotationMatrix
 
+from saphari_drake.control.reverse_priority import stack as module
 from saphari_drake.control.reverse_priority import tasks
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.stack import PriorityStack, evaluate_component
@@ -114,6 +117,45 @@ def test_without_a_finite_input_there_is_no_motion(lwr4, place, value):
     after = stack.solve(*good, 0.005)
     assert after.status != PriorityStatus.INVALID
     np.testing.assert_array_equal(after.v, before.v)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_bounds_that_contradict_one_another_are_told(lwr4, seed):
+    """Two walls with the arm behind both: status INFEASIBLE, a finite command within its limits; one wall alone: OK."""
+    rng = np.random.default_rng(seed)
+    q, task = lwr4.home + rng.uniform(-0.2, 0.2, 7), tasks.position_task(lwr4, "link_7")
+    height = tasks.plane_distance(lwr4, "link_7", rng.normal(size=3))
+    x, gap = evaluate_component(lwr4, height, q, TARGETS)[0], rng.uniform(0.02, 0.1)
+    above, below = tasks.Bound(height, lower=x + gap), tasks.Bound(height, upper=x - gap)
+    found = {}
+    for name, bounds in {"both": [above, below], "above": [above], "below": [below], "soft": []}.items():
+        levels = [bounds, task, [above, below]]
+        stack = PriorityStack(lwr4, levels)
+        result = stack.solve(q, np.zeros(7), np.zeros((1, 18)), TARGETS, 0.005)
+        found[name] = result.status
+        assert np.isfinite(result.v).all() and np.all(np.abs(result.v) <= lwr4.v_max * (1 + 1e-9))
+    assert found.pop("both") == PriorityStatus.INFEASIBLE
+    assert PriorityStatus.INFEASIBLE not in found.values()
+
+
+def test_a_reference_out_of_all_bounds_moves_nothing(lwr4):
+    """All inputs are finite, the velocity that the gain asks for is not: the task is scaled to nothing."""
+    stack, far = PriorityStack(lwr4, [tasks.position_task(lwr4, "link_7")]), np.zeros((1, 18))
+    far[0, 9] = 1e308
+    result = stack.solve(lwr4.home, np.zeros(7), far, TARGETS, 0.005)
+    assert result.status == PriorityStatus.SCALED and result.scale == 0.0
+    np.testing.assert_array_equal(result.v, np.zeros(7))
+
+
+def test_a_law_without_a_solution_is_no_motion(lwr4, monkeypatch):
+    """Multipliers that are not found are NaN: the command is zero all the same, and told."""
+    stack = PriorityStack(lwr4, [tasks.joint_limits(lwr4)])
+    lost = np.full(7, np.nan), np.ones(14), 1.0, PriorityStatus.OK.value
+    monkeypatch.setattr(module, "solve_stack", lambda *_: lost)
+    monkeypatch.setattr(module, "_solve", module._solve.py_func)
+    result = stack.solve(lwr4.home, np.zeros(7), np.zeros((0, 18)), TARGETS, 0.005)
+    assert result.status == PriorityStatus.INVALID and result.scale == 0.0
+    np.testing.assert_array_equal(np.concatenate([result.v, result.activation]), np.zeros(21))
 
 
 def test_velocity_limits_are_needed(tmp_path, lwr4):

@@ -17,7 +17,7 @@ def test_posture_is_interpolated_and_holds_at_both_ends():
 
 def test_an_instant_has_the_poses_of_the_dynamics(lwr4):
     for q, v in states(lwr4, 3):
-        R_WL, p_WL, *_ = instant(lwr4, 0.0, q).motion
+        at = instant(lwr4, 0.0, q)
         terms = evaluate_dynamics(lwr4, q, v)
-        np.testing.assert_allclose(R_WL, terms.R_WL, atol=1e-15)
-        np.testing.assert_allclose(p_WL, terms.p_WL, atol=1e-15)
+        np.testing.assert_allclose(at.R_WL, terms.R_WL, atol=1e-15)
+        np.testing.assert_allclose(at.p_WL, terms.p_WL, atol=1e-15)
