@@ -113,12 +113,13 @@ def _stepped(shape, step, pitch, least, out):
 @njit(cache=True)
 def _normal_equations(load, shape, force, prior, share, slope, H, g):
     H[:], g[:] = 0.0, 0.0
+    forces, weight = load
     bells, row = shape.shape[0], np.empty(g.shape[0])
-    for i in range(load.force.shape[0]):
-        if load.weight[i] == 0.0:
+    for i in range(forces.shape[0]):
+        if weight[i] == 0.0:
             continue
         for c in range(3):
-            r = load.force[i, c]
+            r = forces[i, c]
             for k in range(bells):
                 r -= share[k, i] * force[k, c]
                 for d in range(SHAPE):
@@ -126,7 +127,7 @@ def _normal_equations(load, shape, force, prior, share, slope, H, g):
                 for d in range(3):
                     row[SIZE * k + SHAPE + d] = share[k, i] if d == c else 0.0
             for a in range(row.shape[0]):
-                wa = load.weight[i] * row[a]
+                wa = weight[i] * row[a]
                 if wa != 0.0:
                     g[a] += wa * r
                     for b in range(a + 1):
