@@ -12,6 +12,7 @@ from experiments.evidence.summary import Bound, allowed_difference, bound_text, 
 from saphari_drake.simulation.runner.results import TIMING
 
 MAIN_SCRIPT = "contact_impedance"
+ROUNDING = 1e-9  # in each figure's own unit (m, rad, N, …); what is smaller is not distinguished
 
 
 def seed_of_the_day(today: date) -> int:
@@ -73,10 +74,10 @@ def figures_off(document: Mapping[str, Any], recorded: Mapping[str, Any]) -> lis
 
 
 def close(value: float | None, recorded: float | None, allowed: float) -> bool:
-    """Whether two figures differ by no more than is allowed; a missing one equals a missing one alone."""
+    """Whether two figures differ by no more than is allowed, or by rounding; a missing one equals a missing one alone."""
     if value is None or recorded is None:
         return value is recorded
-    return abs(value - recorded) <= allowed
+    return abs(value - recorded) <= max(allowed, ROUNDING)
 
 
 def moved_bound(bound: Bound, recorded: Bound) -> bool:
