@@ -29,6 +29,7 @@ from saphari_drake.perception.segmentation.regions import row_intervals
 from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
 
 Array = NDArray[np.float64]
+Kinds = NDArray[np.int64]
 
 
 class PrimitiveDepthCamera(LeafSystem):
@@ -86,7 +87,7 @@ class PrimitiveDepthCamera(LeafSystem):
             "image_time", BasicVector(1), self._calc_time, prerequisites_of_calc={self.time_ticket()}
         )
 
-    def _draw(self, depth: NDArray[np.float32], kind: Array, size: Array, poses: list[RigidTransform]) -> None:
+    def _draw(self, depth: NDArray[np.float32], kind: Kinds, size: Array, poses: list[RigidTransform]) -> None:
         X_CS = [self._X_CW @ X_WS for X_WS in poses]
         R = np.array([X.rotation().matrix() for X in X_CS]).reshape(-1, 3, 3)
         p = np.array([X.translation() for X in X_CS]).reshape(-1, 3)
@@ -114,7 +115,7 @@ def meshes(inspector: SceneGraphInspector) -> list[str]:
     return [inspector.GetName(g) for g in seen if _primitive(inspector.GetShape(g)) is None]
 
 
-def _primitives(inspector: SceneGraphInspector, geometries: list[GeometryId]) -> tuple[NDArray[np.int64], Array]:
+def _primitives(inspector: SceneGraphInspector, geometries: list[GeometryId]) -> tuple[Kinds, Array]:
     rows = [_primitive(inspector.GetShape(geometry)) for geometry in geometries]
     known = [row for row in rows if row is not None]
     if len(known) < len(rows):
