@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
@@ -10,6 +13,7 @@ from pydrake.geometry import (
     Capsule,
     Cylinder,
     Ellipsoid,
+    FrameId,
     GeometryId,
     HalfSpace,
     QueryObject,
@@ -54,27 +58,40 @@ class PrimitiveDepthCamera(LeafSystem):
     holds the camera is not seen. What is fixed in the world is drawn once; a frame looks only at the pixels around
     the bounding capsules of the rest.
 
+    Parameters
+    ----------
+    inspector : SceneGraphInspector
+        Of the SceneGraph that is connected.
+    params : CameraParameters
+    anchored : mapping from FrameId to RigidTransform, optional
+        Poses in the world of frames that never move, beside the world's own.
+
     Raises
     ------
     SensorError
         If a shape is no sphere, ellipsoid, capsule, cylinder, box or half space.
     """
 
-    def __init__(self, inspector: SceneGraphInspector, params: CameraParameters) -> None:
+    def __init__(
+        self,
+        inspector: SceneGraphInspector,
+        params: CameraParameters,
+        anchored: Mapping[FrameId, RigidTransform] = MappingProxyType({}),
+    ) -> None:
         super().__init__()
         self._near, self._far = params.near, params.far
         self._X_CW = camera_pose(params).inverse()
         self._pinhole = (params.focal_x, params.focal_y, *params.center, params.height, params.width)
         self._x = (np.arange(params.width) + 0.5 - params.center[0]) / params.focal_x
         self._y = (np.arange(params.height) + 0.5 - params.center[1]) / params.focal_y
-        fixed, moving = [], []
+        X_WF = {inspector.world_frame_id(): RigidTransform(), **anchored}
+        fixed: list[GeometryId] = []
+        self._moving: list[GeometryId] = []
         for geometry in inspector.GetAllGeometryIds(Role.kPerception):
-            in_world = inspector.GetFrameId(geometry) == inspector.world_frame_id()
-            (fixed if in_world else moving).append(geometry)
-        self._moving: list[GeometryId] = moving
-        self._shapes = _primitives(inspector, moving)
+            (fixed if inspector.GetFrameId(geometry) in X_WF else self._moving).append(geometry)
+        self._shapes = _primitives(inspector, self._moving)
         self._background = np.full((params.height, params.width), np.inf, dtype=np.float32)
-        poses = [inspector.GetPoseInFrame(geometry) for geometry in fixed]
+        poses = [X_WF[inspector.GetFrameId(g)] @ inspector.GetPoseInFrame(g) for g in fixed]
         self._draw(self._background, *_primitives(inspector, fixed), poses)
         self._query = self.DeclareAbstractInputPort("geometry_query", Value[QueryObject]())
         self.DeclareAbstractOutputPort(

@@ -9,12 +9,14 @@ from pydrake.geometry import (
     ClippingRange,
     DepthRange,
     DepthRenderCamera,
+    FrameId,
     MakeRenderEngineVtk,
     RenderCameraCore,
     RenderEngineVtkParams,
     SceneGraph,
 )
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
@@ -111,7 +113,7 @@ def add_depth_camera(
     renderer = _chosen(scene_graph, params)
     camera: LeafSystem | RgbdSensor
     if renderer == "primitives":
-        camera = PrimitiveDepthCamera(scene_graph.model_inspector(), params)
+        camera = PrimitiveDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
     elif renderer == "vtk":
         camera = _vtk_camera(scene_graph, params)
     else:
@@ -121,6 +123,18 @@ def add_depth_camera(
     builder.AddNamedSystem(name, camera)
     builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))
     return camera
+
+
+def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
+    """Return the poses in the world of the bodies that are welded to it, by their geometry's frames."""
+    poses = {}
+    for plant in (system for system in builder.GetSystems() if isinstance(system, MultibodyPlant)):
+        context = plant.CreateDefaultContext()
+        for body in plant.GetBodiesWeldedTo(plant.world_body()):
+            frame = plant.GetBodyFrameIdIfExists(body.index())
+            if frame is not None:
+                poses[frame] = plant.EvalBodyPoseInWorld(context, body)
+    return poses
 
 
 def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
