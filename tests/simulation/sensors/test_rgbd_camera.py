@@ -8,7 +8,7 @@ import pytest
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import SpatialInertia, default_model_instance
 from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
@@ -58,7 +58,7 @@ def render(engine, q=None, extra=None, **camera):
     plant.RegisterVisualGeometry(link, RigidTransform([0.1, 0.0, 0.1]), Capsule(0.02, 0.1), "grip", white)
     turned = RigidTransform(RollPitchYaw(1.0, 2.0, 3.0), [-0.1, 0.0, 0.1])
     plant.RegisterVisualGeometry(link, turned, Ellipsoid(0.02, 0.1, 0.05), "egg", white)
-    table = plant.AddRigidBody("table", SpatialInertia.SolidBoxWithMass(1.0, 0.3, 0.2, 0.1))
+    table = plant.AddRigidBody("table", default_model_instance(), SpatialInertia.SolidBoxWithMass(1.0, 0.3, 0.2, 0.1))
     plant.WeldFrames(world.body_frame(), table.body_frame(), RigidTransform([0.4, 0.4, 0.3]))
     plant.RegisterVisualGeometry(table, RigidTransform([0.0, 0.1, 0.0]), Box(0.3, 0.2, 0.1), "table", white)
     if extra is not None:
