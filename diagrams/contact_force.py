@@ -11,7 +11,6 @@ from experiments.contact.cell import ContactCell, add_contact_cell
 from experiments.contact.run import (
     ContactScenario,
     aimed,
-    load_robot,
     record_contact,
     record_velocity,
     replay_contact,
@@ -23,6 +22,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
 from saphari_drake.control.contact.stability import hand_stiffness_limits
+from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
@@ -96,7 +96,7 @@ class Setup:
 
 def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     pushes = aimed(scenario.pushes, scenario.seed, scenario.aim_spread)
     scenario.system.sampler.noise.seed = scenario.seed
     builder = DiagramBuilder()

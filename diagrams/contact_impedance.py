@@ -12,11 +12,9 @@ from experiments.contact.random_touches import RandomTouch, RandomTouchParameter
 from experiments.contact.run import (
     ContactScenario,
     aimed,
-    load_robot,
     record_contact,
     record_velocity,
     replay_contact,
-    rms,
     simulate,
     timing,
 )
@@ -25,6 +23,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.parameters import require_positive
+from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.force_recording import read_force_recording
 from saphari_drake.simulation.people.pushing_hand import Push
@@ -106,7 +105,7 @@ class Setup:
 
 def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     pushes = aimed(scenario.pushes, scenario.seed, scenario.aim_spread)
     scenario.system.sampler.noise.seed = scenario.seed
     recorded, duration = None, scenario.duration
@@ -143,7 +142,7 @@ def record(builder: DiagramBuilder, parts: ContactCell, period: float) -> Record
 
 def drawn_touch(scenario: ContactImpedanceScenario, trial: int) -> RandomTouch:
     """Return the random touch of a trial."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     return draw_touch(robot, scenario.system.cell.hand, scenario.touches, [scenario.seed, trial])
 
 
@@ -271,12 +270,12 @@ def recorded_metrics(setup: Setup, log: Log) -> list[Metric]:
     start = setup.pushes[0].start
     rows = log.between(start + setup.recorded.start, start + setup.recorded.end)
     true, estimated = log["contact_truth"][rows, :3], log["contact_force"][rows]
-    error = rms(estimated - true) / rms(true)
-    varying = rms(estimated - true - (estimated - true).mean(axis=0)) / rms(true - true.mean(axis=0))
+    size, error = np.linalg.norm, estimated - true
+    varying = size(error - error.mean(axis=0)) / size(true - true.mean(axis=0))
     return [
-        Metric("force_error_rms_relative", error, "1", high=0.15),
+        Metric("force_error_rms_relative", size(error) / size(true), "1", high=0.15),
         Metric("force_error_rms_relative_varying", varying, "1"),
-        Metric("force_rms_N", rms(true), "N"),
+        Metric("force_rms_N", size(true) / np.sqrt(len(true)), "N"),
         Metric("force_bias_N", setup.recorded.bias, "N"),
         Metric("force_scale", setup.recorded.scale, "1"),
     ]

@@ -30,7 +30,7 @@ def scenario_for(case: str) -> GuidingScenario:
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
     # force keep it below what the second hand does. Such a wrist is stable with hands of up to 2000 N/m. All cases have
     # the same gains; tests/benchmarks/gain_margins.py tells how far they may be off.
-    controller = scenario.system.controller
+    controller = scenario.system.pipeline.controller
     controller.K_P, controller.K_D, controller.force_time = 6400.0, 160.0, 0.005
     if case == "body_first":
         scenario.home[5] = -65.0

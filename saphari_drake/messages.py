@@ -17,6 +17,46 @@ class Immutable:
         return self
 
 
+class SystemStatus(IntEnum):
+    """Whether a system can work with its inputs, also published as a number.
+
+    Every system has one rule: an input that is not finite or has a wrong size raises nothing. The system says so here,
+    puts out NaN (not known) or the safe value that its ports name, and works again as soon as its inputs do.
+    """
+
+    OK = 0
+    BAD_INPUT = 1  # an input is not finite, or has a wrong size
+    HOLDING = 2  # the command cannot be used, or could not a moment ago: keep the posture
+    BRAKES_ON = 3  # the state of the robot is not known: apply the brakes, torque carries the weight alone
+
+
+class CommandMode(IntEnum):
+    """What becomes of the command of a controller, also published as a number."""
+
+    HOLD = 0  # keep the posture instead
+    PASS = 1  # pass it on
+    BRAKE = 2  # come to rest instead, quickly
+    YIELD = 3  # give way instead: damping, Coriolis and gravity terms alone
+
+
+@dataclass(frozen=True)
+class Selection(Immutable):
+    """What `CommandSwitch` shall do with a command.
+
+    Attributes
+    ----------
+    mode : CommandMode
+    q_latched : (n,) array
+        Joint positions to hold (rad or m), in HOLD.
+    key : tuple of int
+        Whatever tells one law from the next; a change hands over as a change of mode does.
+    """
+
+    mode: CommandMode = CommandMode.PASS
+    q_latched: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    key: tuple[int, ...] = ()
+
+
 class CameraStatus(IntEnum):
     """State of a camera as the localizer sees it, also published as a number."""
 

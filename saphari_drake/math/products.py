@@ -1,4 +1,4 @@
-"""Products and eigenvectors of small matrices for compiled kernels.
+"""Products, factors and eigenvectors of small matrices for compiled kernels, and multipliers of inequalities.
 
 numba's own ``@``, ``dot`` and ``linalg`` call BLAS and LAPACK through SciPy, which nothing else here needs, and are
 slower at these sizes.
@@ -9,6 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from saphari_drake.compiled import njit
+
+_MAX_PASSES = 200
+_TOLERANCE = 1e-11  # by which an inequality may be violated
 
 
 @njit(cache=True)
@@ -78,3 +81,105 @@ def symmetric_eigen(A):
         for k in range(n):
             vectors[k, i] = U[k, order[i]]
     return values[order], vectors
+
+
+@njit(cache=True)
+def cholesky(A, L):
+    """Write the lower Cholesky factor of a symmetric matrix (m, m) into L and return whether it is positive definite.
+
+    If not, the lower part of L is NaN: whoever goes on with it gets NaN, never a number that looks like a solution.
+    """
+    m = A.shape[0]
+    for j in range(m):
+        d = A[j, j]
+        for k in range(j):
+            d -= L[j, k] * L[j, k]
+        if not d > 0.0:
+            for i in range(m):
+                L[i, : i + 1] = np.nan
+            return False
+        d = np.sqrt(d)
+        L[j, j] = d
+        for i in range(j + 1, m):
+            s = A[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = s / d
+    return True
+
+
+@njit(cache=True)
+def solve_lower(L, b, m):
+    """Solve L x = b in place, L of order m."""
+    for i in range(m):
+        s = b[i]
+        for k in range(i):
+            s -= L[i, k] * b[k]
+        b[i] = s / L[i, i]
+
+
+@njit(cache=True)
+def solve_upper(L, b, m):
+    """Solve Lᵀ x = b in place, L of order m."""
+    for i in range(m - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, m):
+            s -= L[k, i] * b[k]
+        b[i] = s / L[i, i]
+
+
+@njit(cache=True)
+def bounded_multipliers(H, e):
+    """Return μ ≥ 0 with H μ = e where μ > 0 and H μ ≥ e elsewhere, H positive definite (Lawson and Hanson 1974).
+
+    All are NaN if H is not positive definite, or the active set is not found in 200 passes.
+    """
+    m = e.shape[0]
+    mu = np.zeros(m)
+    active = np.zeros(m, dtype=np.bool_)
+    for _ in range(_MAX_PASSES):
+        worst, choice = _TOLERANCE, -1
+        for i in range(m):
+            if not active[i]:
+                g = e[i]
+                for k in range(m):
+                    if active[k]:
+                        g -= H[i, k] * mu[k]
+                if not g <= worst:  # a NaN as well
+                    worst, choice = g, i
+        if choice < 0:
+            return mu
+        active[choice] = True
+        if not _move_active(H, e, active, mu):
+            break
+    mu[:] = np.nan
+    return mu
+
+
+@njit(cache=True)
+def _move_active(H, e, active, mu):
+    """Move the active μ to H μ = e, dropping those that reach 0 on the way; return False if H is not definite."""
+    while True:
+        order = np.flatnonzero(active)
+        count = order.shape[0]
+        A, K, z = np.empty((count, count)), np.empty((count, count)), np.empty(count)
+        for a in range(count):
+            z[a] = e[order[a]]
+            for b in range(count):
+                A[a, b] = H[order[a], order[b]]
+        if not cholesky(A, K):
+            return False
+        solve_lower(K, z, count)
+        solve_upper(K, z, count)
+        ratio, blocking = 1.0, -1
+        for a in range(count):
+            if z[a] <= 0.0:
+                part = mu[order[a]] / (mu[order[a]] - z[a]) if mu[order[a]] > 0.0 else 0.0
+                if part < ratio:
+                    ratio, blocking = part, order[a]
+        for a in range(count):
+            mu[order[a]] += ratio * (z[a] - mu[order[a]])
+        if blocking < 0:
+            return True
+        mu[blocking] = 0.0
+        active[blocking] = False

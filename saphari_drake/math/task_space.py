@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.math.products import apply, product, symmetric_eigen
-from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
+from saphari_drake.math.products import apply, cholesky, product, solve_lower, solve_upper, symmetric_eigen
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from saphari_drake.errors import UnknownNameError
@@ -19,31 +20,51 @@ def models_dir() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
-def lwr4(X_WB: RigidTransform | None = None) -> RobotModel:
+def lwr4(X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
     """Return the KUKA LWR4+, 7 revolute joints, home with the elbow bent (sources in its URDF)."""
-    home = np.deg2rad([0.0, -30.0, 0.0, 83.7, 0.0, 23.7, 0.0])
-    return RobotModel(models_dir() / "lwr4" / "lwr4.urdf", X_WB=X_WB, home=home)
+    return load("lwr4", X_WB, home)
 
 
-def omnirob(X_WB: RigidTransform | None = None) -> RobotModel:
+def omnirob(X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
     """Return the KUKA omniRob, joints px, py, pz of its platform and a LWR4+ on top (sources in its URDF)."""
-    home = np.concatenate([np.zeros(3), np.deg2rad([0.0, -30.0, 0.0, 83.7, 0.0, 23.7, 0.0])])
-    return RobotModel(models_dir() / "omnirob" / "omnirob.urdf", X_WB=X_WB, home=home)
+    return load("omnirob", X_WB, home)
 
 
-def planar_6r(X_WB: RigidTransform | None = None) -> RobotModel:
+def planar_6r(X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
     """Return the planar arm of Section 4, six unit links in the plane z = 0, home at (0, 0, 0, 0, 10, −30) deg."""
-    home = np.deg2rad([0.0, 0.0, 0.0, 0.0, 10.0, -30.0])
-    return RobotModel(models_dir() / "planar_6r" / "planar_6r.urdf", X_WB=X_WB, home=home)
+    return load("planar_6r", X_WB, home)
 
 
-CATALOG = {"lwr4": lwr4, "omnirob": omnirob, "planar_6r": planar_6r}
+# Home postures of the shipped robots (deg; all joints that are not zero are revolute).
+_HOME = {
+    "lwr4": [0.0, -30.0, 0.0, 83.7, 0.0, 23.7, 0.0],
+    "omnirob": [0.0, 0.0, 0.0, 0.0, -30.0, 0.0, 83.7, 0.0, 23.7, 0.0],
+    "planar_6r": [0.0, 0.0, 0.0, 0.0, 10.0, -30.0],
+}
 
 
-def load(name_or_path: str, X_WB: RigidTransform | None = None) -> RobotModel:
-    """Return a shipped robot by its name, or any robot by the path of its URDF or SDF."""
-    if name_or_path in CATALOG:
-        return CATALOG[name_or_path](X_WB)
+def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
+    """Return a shipped robot by its name, or any robot by the path of its URDF or SDF.
+
+    Parameters
+    ----------
+    name_or_path : str
+    X_WB : RigidTransform, optional
+        Pose of its root in the world.
+    home : (n,) array, optional
+        Home posture (rad or m) in place of its own.
+
+    Raises
+    ------
+    UnknownNameError
+        If it is neither; the message lists the shipped ones.
+    ModelError, StateError
+        If the file cannot be used, or `home` has another size.
+    """
+    given = np.asarray(home, dtype=float)
+    if name_or_path in _HOME:
+        path = models_dir() / name_or_path / f"{name_or_path}.urdf"
+        return RobotModel(path, X_WB=X_WB, home=given if given.size else np.deg2rad(_HOME[name_or_path]))
     if Path(name_or_path).suffix.lower() in (".urdf", ".sdf", ".xml"):
-        return RobotModel(name_or_path, X_WB=X_WB)
-    raise UnknownNameError("robot", name_or_path, [*CATALOG, "or the path of a .urdf or .sdf file"])
+        return RobotModel(name_or_path, X_WB=X_WB, home=given if given.size else None)
+    raise UnknownNameError("robot", name_or_path, [*_HOME, "or the path of a .urdf or .sdf file"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +42,8 @@ class DynamicsTerms(Immutable):
         Poses of the links in the world.
     S, V, A : (n, 6) arrays
         Joint axes, link velocities, and link accelerations for q̈ = 0: spatial [ω; v], at the world origin.
+    finite : bool
+        Whether the state is known; if not, all of the above is NaN.
     """
 
     q: Array
@@ -57,10 +59,19 @@ class DynamicsTerms(Immutable):
     V: Array
     A: Array
     parent: NDArray[np.int64]
+    finite: bool = True
+
+    def unknown(self) -> DynamicsTerms:
+        """Return terms of the same sizes for a state that is not known."""
+        arrays = {name: np.full_like(value, np.nan) for name, value in vars(self).items() if name not in _CONSTANTS}
+        return replace(self, finite=False, **arrays)
 
     def point(self, link: int, p_LC: Array) -> PointKinematics:
         """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
         return PointKinematics(*point_kinematics(self.parent, self.S, self.V, self.A, self.R_WL, self.p_WL, link, p_LC))
+
+
+_CONSTANTS = ("parent", "finite")
 
 
 def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> DynamicsTerms:
@@ -101,12 +112,7 @@ class RobotDynamics(LeafSystem):
     -----
     position_measured : n (rad or m), from a joint sensor.
     velocity_measured : n (rad/s or m/s), from a joint sensor.
-    dynamics : abstract `DynamicsTerms` of that state.
-
-    Raises
-    ------
-    StateError
-        At evaluation, if the measured state is not finite.
+    dynamics : abstract `DynamicsTerms` of that state; not `finite` while it, or an input, is not.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -117,6 +123,7 @@ class RobotDynamics(LeafSystem):
         self._ports = position, velocity
         # Evaluated here once, which compiles the kernels before the first control step.
         initial = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        self._unknown = initial.unknown()
         self.DeclareAbstractOutputPort(
             "dynamics",
             alloc=lambda: AbstractValue.Make(initial),
@@ -125,5 +132,6 @@ class RobotDynamics(LeafSystem):
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
-        position, velocity = self._ports
-        output.set_value(evaluate_dynamics(self._robot, position.Eval(context), velocity.Eval(context)))
+        q, v = (port.Eval(context) for port in self._ports)
+        known = np.isfinite(q).all() and np.isfinite(v).all()
+        output.set_value(evaluate_dynamics(self._robot, q, v) if known else self._unknown)

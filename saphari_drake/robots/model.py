@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +166,12 @@ class RobotModel:
         if home is None:
             return np.array(plant.GetPositions(plant.CreateDefaultContext()))
         return self.checked_vector(home, "home")
+
+    def with_home(self, home: ArrayLike) -> RobotModel:
+        """Return the same robot with another home posture (n,) (rad or m)."""
+        other = copy(self)
+        other.home = self.checked_vector(home, "home")
+        return other
 
     # ---- questions ----------------------------------------------------------------------------------------------
 

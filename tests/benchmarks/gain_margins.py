@@ -20,7 +20,7 @@ from saphari_drake.simulation.runner.results import bound_text, table
 from saphari_drake.simulation.runner.scenario import to_tree, with_assignments
 
 LOW, HIGH = (0.5, 0.75, 0.9), (1.5, 1.25, 1.1)  # the farthest first
-GUIDING = tuple(f"system.controller.{name}" for name in ("K_P", "K_D", "force_time"))
+GUIDING = tuple(f"system.pipeline.controller.{name}" for name in ("K_P", "K_D", "force_time"))
 RATE, GAMMA = "system.disturbance.rate", "system.controller.gamma"
 # The gains that a case depends on, and that were chosen and not given.
 GAINS = {

@@ -30,8 +30,8 @@ def script():
     "arguments, words",
     [
         (["--case", "elbow_first"], ["elbow_first", "body_first"]),
-        (["--set", "system.controller.k_p=-1"], ["controller.k_p", "positive"]),
-        (["--set", "system.controler.k_p=1"], ["controler", "controller"]),
+        (["--set", "system.pipeline.controller.k_p=-1"], ["controller.k_p", "positive"]),
+        (["--set", "system.pipeline.controler.k_p=1"], ["controler", "controller"]),
         (["--set", "system.interface=ethernet"], ["interface", "torque, position"]),
         (["--set", "system.skin_layout.curvature_radius=0.01"], ["curvature_radius", "0.02"]),
         (["--case", "recorded", "--set", "recording.file=nowhere.csv"], ["nowhere.csv"]),
@@ -64,7 +64,7 @@ def test_the_diagram_is_drawn(script, tmp_path):
     path = tmp_path / "diagram.dot"
     assert main(script.EXPERIMENT, ["--case", "body_first", "--graphviz", str(path)]) == 0
     text = path.read_text()
-    for name in ("skin_sensor", "skin_estimator", "force_sensor", "controller", "hands"):
+    for name in ("skin_sensor", "skin_estimator", "force_sensor", "wrist_wrench", "controller", "hands"):
         assert name in text
 
 

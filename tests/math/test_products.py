@@ -1,4 +1,4 @@
-"""The compiled products equal numpy's, and no kernel of the library calls BLAS or LAPACK."""
+"""The compiled products and factors equal numpy's, failures are told, and no kernel calls BLAS or LAPACK."""
 
 import ast
 from pathlib import Path
@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 import saphari_drake
-from saphari_drake.math.products import apply, product, symmetric_eigen
+from saphari_drake.math import products
+from saphari_drake.math.products import (
+    apply,
+    bounded_multipliers,
+    cholesky,
+    product,
+    solve_lower,
+    solve_upper,
+    symmetric_eigen,
+)
 
 
 @pytest.mark.parametrize("shape", [(3, 3, 3), (3, 7, 3), (7, 2, 5), (1, 4, 1)])
@@ -32,6 +41,37 @@ def test_symmetric_eigen_diagonalizes(values):
         np.testing.assert_allclose(found, np.sort(values), atol=1e-13)
         np.testing.assert_allclose(U.T @ U, np.eye(3), atol=1e-13)
         np.testing.assert_allclose(A @ U, U * found, atol=1e-13)
+
+
+def test_cholesky_solves_and_refuses_what_is_not_definite():
+    """L Lᵀ = A and A⁻¹b; for an indefinite, singular or NaN matrix False, and NaN for a result."""
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(4, 4)), rng.normal(size=4)
+    A = A @ A.T + np.eye(4)
+    L, x = np.zeros((4, 4)), b.copy()
+    assert cholesky(A, L)
+    np.testing.assert_allclose(L @ L.T, A, atol=1e-13)
+    solve_lower(L, x, 4)
+    solve_upper(L, x, 4)
+    np.testing.assert_allclose(A @ x, b, atol=1e-12)
+    row = np.ones((1, 4))
+    for bad in (A - 30.0 * np.eye(4), row.T @ row, np.where(np.eye(4) > 0, np.nan, A)):
+        x = b.copy()
+        assert not cholesky(bad, L)
+        solve_lower(L, x, 4)
+        assert np.all(np.isnan(x))
+
+
+@pytest.mark.parametrize("H", [-np.eye(3), np.diag([1.0, 1.0, -1.0]), np.full((3, 3), np.nan)])
+def test_multipliers_of_an_indefinite_problem_are_nan(H):
+    assert np.all(np.isnan(bounded_multipliers(H, np.ones(3))))
+
+
+def test_multipliers_that_are_not_found_in_time_are_nan(monkeypatch):
+    """Three rows become active one after the other: more passes than are allowed here."""
+    assert np.all(bounded_multipliers.py_func(np.eye(3), np.ones(3)) == 1.0)
+    monkeypatch.setattr(products, "_MAX_PASSES", 3)
+    assert np.all(np.isnan(bounded_multipliers.py_func(np.eye(3), np.ones(3))))
 
 
 def test_no_kernel_needs_scipy():

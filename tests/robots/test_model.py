@@ -193,6 +193,23 @@ def test_unknown_robot_name_lists_the_catalog():
         load("lwr5")
 
 
+def test_another_home_is_another_robot(lwr4):
+    """A home that is given replaces that of the catalog or file; nothing changes the robot that it was taken from."""
+    before, home = lwr4.home.copy(), np.linspace(0.1, 0.7, 7)
+    other = lwr4.with_home(home)
+    for robot in (other, load("lwr4", home=home), load(str(lwr4.path), home=home)):
+        np.testing.assert_array_equal(robot.home, home)
+    home[0] = 9.0
+    assert other.home[0] == 0.1 and other.shapes.count == lwr4.shapes.count
+    np.testing.assert_array_equal(lwr4.home, before)
+    np.testing.assert_array_equal(load("lwr4").home, before)
+    np.testing.assert_array_equal(load(str(lwr4.path)).home, np.zeros(7))
+    with pytest.raises(StateError, match="home: lwr4 has 7 joints"):
+        load("lwr4", home=[0.0, 1.0])
+    with pytest.raises(StateError, match="home"):
+        lwr4.with_home([np.nan] * 7)
+
+
 def test_moving_link_without_inertia_is_named(tmp_path):
     elements = (link("base", 0), link("a"), link("b", 0), joint("j1", "base", "a"), joint("j2", "a", "b"))
     with pytest.raises(ModelError, match=r"moving link b$"):

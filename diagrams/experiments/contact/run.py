@@ -11,7 +11,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.contact.cell import ContactCell, ContactCellParameters, learn_background
 from experiments.contact.cycle_time import time_cycles
-from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.recorder import Recorder
@@ -35,20 +34,12 @@ class ContactScenario:
     duration: float = 18.0
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
     # m; the person misses the aimed point by up to this in each direction.
     aim_spread: float = 0.006
     pushes: list[Push] = field(default_factory=list)
     system: ContactCellParameters = field(default_factory=ContactCellParameters)
-
-
-def load_robot(name: str, home: Sequence[float]) -> RobotModel:
-    """Return a robot by catalog name or file; one of the catalog starts at `home` (deg), if that is not empty."""
-    robot = catalog.load(name)
-    if name in catalog.CATALOG and len(home):
-        robot.home = robot.checked_vector(np.deg2rad(home), "home")
-    return robot
 
 
 def aimed(pushes: Sequence[Push], seed: int, spread: float) -> list[Push]:
@@ -115,7 +106,7 @@ def timing(
     background = learn_background(robot, system, 1)
     seconds, _ = time_cycles(robot, system.camera, system.pipeline, states, depth, background)
     return [
-        Metric("cycle_ms_median", 1e3 * median(seconds), "ms", high=2.0, reported="5 ms cycle"),
+        Metric("cycle_ms_median", 1e3 * float(np.median(seconds)), "ms", high=2.0, reported="5 ms cycle"),
         Metric("cycle_ms_p95", 1e3 * float(np.percentile(seconds, 95)), "ms", high=3.0, reported="5 ms cycle"),
         Metric("real_time_factor", duration / wall, "1", 0.25, decides=False),
     ]
@@ -147,13 +138,3 @@ def replay_contact(
         *more,
     ]
     write_replay(path, plant, log.time, log["plant_position"], overlays, camera=camera, title=title)
-
-
-def median(values: Array) -> float:
-    """Return the median, NaN of nothing."""
-    return float(np.median(values)) if len(values) else float("nan")
-
-
-def rms(vectors: Array) -> float:
-    """Return the root mean square length of vectors (T, 3)."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
+from experiments.guiding.cell import add_guided_robot
 from experiments.guiding.judge import true_force, true_velocity
 from experiments.guiding.run import GuidingRun
-from saphari_drake.pipelines.hand_guiding import add_guided_robot
+from saphari_drake.messages import GuidingPriority
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
@@ -39,8 +40,8 @@ def forces_and_velocities(run: GuidingRun, alone: GuidingRun, title: str) -> Fig
 
     priority = run.log["priority"][:, 0]
     shades = [
-        Shade(intervals(log.time, priority == 1), "main: end effector", "#E8A87C"),
-        Shade(intervals(log.time, priority == 2), "main: body", "#9DB9E8"),
+        Shade(intervals(log.time, priority == GuidingPriority.END_EFFECTOR), "main: end effector", "#E8A87C"),
+        Shade(intervals(log.time, priority == GuidingPriority.BODY), "main: body", "#9DB9E8"),
     ]
     panels = [
         Panel("(a) Force at the end effector, wrist sensor", ["F_e"], "F_e [N]"),

@@ -70,7 +70,7 @@ def main_task_disturbance(run: GuidingRun, alone: GuidingRun) -> float:
 
 def touches_of(run: GuidingRun) -> list[SkinTouch]:
     """Return what the skin says of each touch of the body."""
-    point, grip = run.setup.scenario.system.controller.body, run.setup.grips[1]
+    point, grip = run.setup.scenario.system.pipeline.controller.body, run.setup.grips[1]
     estimated, p_LC = run.log["force"][:, 3:], np.asarray(grip.p_LC, dtype=float)
     return skin_touches(true_force(run, 1), estimated, run.log["skin"], p_LC, point.touch_on, point.touch_off)
 
@@ -84,7 +84,7 @@ def secondary_realised(run: GuidingRun) -> float:
     fade in, and cycles in which joint limits hold the arm back.
     """
     log, main = run.log, run.setup.scenario.main
-    second, params = 1 - main, run.setup.scenario.system.controller
+    second, params = 1 - main, run.setup.scenario.system.pipeline.controller
     dt = float(log.time[1] - log.time[0])
     v = true_velocity(run, second)
     realised = np.vstack([np.zeros(3), np.diff(v, axis=0) / dt])
@@ -110,7 +110,7 @@ def secondary_realised(run: GuidingRun) -> float:
 
 def held_back(run: GuidingRun) -> Mask:
     """Return when a joint is within 0.05 rad of the bounds that the controller keeps, or near its speed limit (T,)."""
-    robot, params = run.setup.robot, run.setup.scenario.system.controller
+    robot, params = run.setup.robot, run.setup.scenario.system.pipeline.controller
     q, v, margin = run.log["position"], run.log["velocity"], params.joint_margin + 0.05
     near = (q < robot.q_min + margin) | (q > robot.q_max - margin)
     fast = np.abs(v) > 0.97 * params.joint_speed_share * robot.v_max
@@ -133,7 +133,7 @@ def _reachable(run: GuidingRun, row: int, main: int, threshold: float) -> Array:
 
 def ideal_velocity(run: GuidingRun) -> Array:
     """Return ṗ_d (T, 3) that (48) gives the main point for the true force while it is touched, m/s."""
-    params: HandGuidingParameters = run.setup.scenario.system.controller
+    params: HandGuidingParameters = run.setup.scenario.system.pipeline.controller
     main = run.setup.scenario.main
     point = (params.end_effector, params.body)[main]
     mass, damping = positive_definite(point.mass, 3, "mass"), positive_definite(point.damping, 3, "damping")
@@ -157,7 +157,7 @@ def velocity_error(run: GuidingRun) -> float:
             terms = evaluate_dynamics(run.setup.robot, run.log["position"][k], run.log["velocity"][k])
             grip = run.setup.grips[1]
             J = terms.point(grip.link, np.asarray(grip.p_LC, dtype=float)).Jv_WC
-            error[k] = task_inverse(J, run.setup.scenario.system.controller.damping_threshold)[1] @ error[k]
+            error[k] = task_inverse(J, run.setup.scenario.system.pipeline.controller.damping_threshold)[1] @ error[k]
     return float(np.sqrt(np.sum(error[rows] ** 2) / np.sum(ideal[rows] ** 2)))
 
 

@@ -10,12 +10,12 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from experiments.contact.run import load_robot
+from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import SkinLayout
-from saphari_drake.pipelines.hand_guiding import GuidingCell, GuidingCellParameters, add_guiding_cell, skin_calibration
+from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.force_recording import ForceRecording, read_force_recording
@@ -86,7 +86,7 @@ class GuidingScenario:
     duration: float = 5.4
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start. Empty: the model's own home posture.
+    # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -30.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
     aim_spread: float = 0.012
@@ -137,17 +137,14 @@ class GuidingRun:
 
 def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = None) -> GuidingSetup:
     """Build the diagram of a scenario, with its recorder; `synthetic` is the recording played if none is given."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     system = deepcopy(scenario.system)
     system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
-    if not system.controller.tip_frame:
-        system.controller.tip_frame = system.force_sensor.tip_frame
-        system.controller.tip_point = list(system.force_sensor.tip_point)
     layout = SkinLayout(robot, system.skin_layout)
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
-    cell = add_guiding_cell(builder, robot, grips, system, layout, skin_calibration(layout, system))
-    recorder, fast = record(builder, cell, system.controller.period), Recorder(builder, system.time_step)
+    cell = add_guiding_cell(builder, robot, grips, system, layout)
+    recorder, fast = record(builder, cell, system.pipeline.period), Recorder(builder, system.time_step)
     fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
     fast.add("torque_excess", cell.torque_excess, "Nm")
     if meshcat is not None:
@@ -172,8 +169,8 @@ def _grips(
     R_WC = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).R_WL[layout.link] @ R_LC
     for pull in hands[1].pulls:
         pull.size = (R_WC @ np.asarray(pull.size)).tolist()
-    link, X_LF = robot.frame(system.controller.tip_frame)
-    tip = X_LF @ np.asarray(system.controller.tip_point, dtype=float)
+    link, X_LF = robot.frame(system.pipeline.wrist.tip_frame)
+    tip = X_LF @ np.asarray(system.pipeline.wrist.tip_point, dtype=float)
     profile = None
     if scenario.case == "recorded":
         given = scenario.recording
@@ -188,7 +185,7 @@ def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorde
     recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
     recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
-    recorder.add("skin", cell.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
+    recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {
         "torque_commanded": "Nm", "priority": "GuidingPriority", "status": "GuidingStatus",
         "force": "N", "velocity_desired": "m/s", "acceleration_desired": "m/s²", "rank": "1",
@@ -196,7 +193,7 @@ def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorde
     }  # fmt: skip
     recorder.add("torque_excess", cell.torque_excess, "Nm")
     for name, unit in units.items():
-        recorder.add(name, cell.controller.GetOutputPort(name), unit)
+        recorder.add(name, cell.pipeline.controller.GetOutputPort(name), unit)
     return recorder
 
 

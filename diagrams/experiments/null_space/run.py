@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from experiments.contact.run import load_robot
 from saphari_drake.errors import ParameterError
 from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
+from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.runner.scenario import dump, to_tree
 from saphari_drake.simulation.view.replay import Arrow, write_replay
 from saphari_drake.simulation.world.obstacle_cell import add_obstacle_cell
 from saphari_drake.simulation.world.references import StraightMotion, StraightMotionParameters
@@ -49,7 +49,7 @@ class NullSpaceScenario:
     duration: float = 16.0
     # Catalog name, or path of a URDF or SDF.
     robot: str = "lwr4"
-    # deg (m for prismatic joints); posture at the start, and rest posture of the body. Empty: the model's own home.
+    # deg; posture at the start, and rest posture of the body. Empty: the model's own home, as it is with --model.
     home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
     # m; the obstacle misses the aimed point by up to this along the link.
     aim_spread: float = 0.01
@@ -109,7 +109,7 @@ class Run:
 
 def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
-    robot = load_robot(scenario.robot, scenario.home)
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     builder = DiagramBuilder()
     parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
@@ -199,7 +199,7 @@ class Runs:
         observer = changes.get("observer", scenario.case)
         scenario.case = scenario.system.controller.observer = observer
         scenario.system.cell.obstacle = changes.get("obstacle", scenario.system.cell.obstacle)
-        key = dump(to_tree(scenario))
+        key = yaml_dump_typed(scenario)
         if key not in self._done:
             options = options or RunOptions()
             setup = build(scenario, options.meshcat)

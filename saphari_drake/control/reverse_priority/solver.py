@@ -17,8 +17,7 @@ import numpy as np
 
 from saphari_drake.compiled import njit
 from saphari_drake.control.reverse_priority.activation import position_activation, velocity_activation
-from saphari_drake.math.products import apply, product
-from saphari_drake.math.small_solvers import bounded_multipliers, cholesky, solve_lower, solve_upper
+from saphari_drake.math.products import apply, bounded_multipliers, cholesky, product, solve_lower, solve_upper
 
 TASK, CONSTRAINTS = 0, 1
 OK, SCALED, LIMITED = 0, 1, 2

@@ -12,8 +12,7 @@ import numpy as np
 from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import tangents
 from saphari_drake.math.primitives import surface_point_local
-from saphari_drake.math.products import symmetric_eigen
-from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
+from saphari_drake.math.products import cholesky, solve_lower, solve_upper, symmetric_eigen
 
 _ROUNDS = 12
 _PRIOR = 0.003  # weight of the first radius, as a share of all readings
@@ -108,7 +107,8 @@ def fit_limb(point):
             A[m, m] += 1e-9 * trace
             for l in range(m):
                 A[l, m] = A[m, l]
-        cholesky(A, L)
+        if not cholesky(A, L):
+            break
         solve_lower(L, g, 5)
         solve_upper(L, g, 5)
         a, b = min(max(g[0], -0.02), 0.02), min(max(g[1], -0.02), 0.02)

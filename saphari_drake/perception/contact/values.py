@@ -1,7 +1,5 @@
 """Parameters, evidence, memory and result of the contact fusion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from saphari_drake.compiled import njit
-from saphari_drake.math.small_solvers import cholesky, solve_lower, solve_upper
+from saphari_drake.math.products import cholesky, solve_lower, solve_upper
 from saphari_drake.perception.skin.bell import bell_share
 
 SHAPE = 5  # u, v, log widths along both, and skew
@@ -61,7 +61,9 @@ def fit_bells(u, v, pitch, forces, weight, shape, force, prior, rounds, share):
                     damped[a, b] = H[a, b]
                     damped[b, a] = H[a, b]
                 damped[a, a] += damping * H[a, a] + 1e-12
-            cholesky(damped, L)
+            if not cholesky(damped, L):
+                damping *= 10.0
+                continue
             solve_lower(L, step, size)
             solve_upper(L, step, size)
             for k in range(bells):

@@ -175,9 +175,8 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
 
 def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
-    tree = to_tree(scenario)
     if options.out is not None:
-        prepare_folder(options.out, tree)
+        prepare_folder(options.out, scenario)
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     outcome = experiment.run(scenario, options)
@@ -185,7 +184,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> boo
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if options.out is not None:
-        write_outputs(options.out, outcome, tree)
+        write_outputs(options.out, outcome, to_tree(scenario))
         _note_seed(options.out / "metrics.json", scenario.case not in experiment.seedless)
     return outcome.passed
 
@@ -217,6 +216,8 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
     scenarios = []
     for case in dict.fromkeys(cases):
         scenario = merged(experiment.scenario_for(case), tree)
+        if options.model is not None and hasattr(scenario, "home"):
+            scenario.home = []  # the case's posture is that of the case's robot
         scenario = with_assignments(merged(scenario, given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from pydrake.common.yaml import yaml_dump_typed
 
 import saphari_drake
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.record.log import Log
-from saphari_drake.simulation.runner.scenario import dump
 
 TIMING = re.compile(r"_ms(_|$)|^real_time_factor")
 RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html")
@@ -163,12 +163,12 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def prepare_folder(folder: Path, scenario_tree: dict[str, Any]) -> None:
+def prepare_folder(folder: Path, scenario: Any) -> None:
     """Write scenario.yaml and remove the results of an earlier run, so that they cannot pass for those of this one."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:
         (folder / name).unlink(missing_ok=True)
-    write_text(folder / "scenario.yaml", dump(scenario_tree))
+    write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
 
 
 def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any]) -> None:

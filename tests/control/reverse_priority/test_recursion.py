@@ -15,7 +15,7 @@ from saphari_drake.control.reverse_priority.recursion import (
     reverse_priority,
     singular_damping,
 )
-from saphari_drake.math.small_solvers import bounded_multipliers
+from saphari_drake.math.products import bounded_multipliers
 
 SEEDS = st.integers(0, 10_000)
 

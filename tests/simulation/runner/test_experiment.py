@@ -8,11 +8,10 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+import yaml
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
@@ -21,7 +20,7 @@ from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
 from saphari_drake.parameters import require_positive
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
-from saphari_drake.simulation.runner.scenario import dump, loaded, to_tree
+from saphari_drake.simulation.runner.scenario import with_assignments
 from saphari_drake.simulation.view.figures import Panel, time_panels
 
 
@@ -35,15 +34,23 @@ class Spring:
 
 
 @dataclass
+class Damper:
+    strength: list[float] | float = 1.0  # Ns/m
+
+
+@dataclass
 class Toy:
     case: str = "soft"
     seed: int = 0
     duration: float = 0.5
     robot: str = "mass"
     spring: Spring = field(default_factory=Spring)
-    offset: NDArray[np.float64] = field(default_factory=lambda: np.array([0.1, 0.0]))
+    offset: np.ndarray = field(default_factory=lambda: np.array([0.1, 0.0]))
     bounds: list[float] = field(default_factory=lambda: [0.0, 1.0])
-    mode: Literal["on", "off"] = "on"
+    mode: str = "on"
+    controller: Spring | Damper = field(default_factory=Spring)
+    parts: list[Spring] = field(default_factory=list)
+    home: list[float] = field(default_factory=lambda: [90.0])
     extra: Spring | None = None
     recording: Path | None = None
     defect: str = ""
@@ -213,9 +220,14 @@ def test_help_shows_examples(capsys):
         (["--set", "spring.stiffness=-3"], ["spring.stiffness: must be positive"]),
         (["--set", "spring.stiffness=[1, "], ["spring.stiffness", "not a YAML value"]),
         (["--set", "seed=1.5"], ["seed: needs a whole number"]),
-        (["--set", "offset=abc"], ["offset: needs a list of numbers"]),
-        (["--set", "bounds=[0, x]"], ["bounds[1]: needs a number"]),
-        (["--set", "mode=sometimes"], ["no mode 'sometimes'", "on, off"]),
+        (["--set", "offset=abc"], ["offset: needs", "ndarray", "got 'abc'"]),
+        (["--set", "bounds=[0, x]"], ["bounds: needs list[float], got [0, 'x']"]),
+        (["--set", "bounds=12"], ["bounds: needs list[float], got 12"]),
+        (["--set", "parts=[{mass: 3}]"], ["no parameter 'parts[0].mass'", "parts[0].stiffness"]),
+        (["--set", "parts=[{stiffness: -3}]"], ["parts[0].stiffness: must be positive"]),
+        (["--set", "controller.strength=3"], ["no parameter 'controller.strength'", "controller.stiffness"]),
+        (["--set", "controller=!Motor {}"], ["no kind of controller '!Motor'", "!Spring, !Damper"]),
+        (["--set", "controller=!Damper {strength: strong}"], ["controller.strength: needs", "got 'strong'"]),
         (["--set", "case=stiff"], ["choose it with --case"]),
         (["--set", "seed"], ["needs PATH=VALUE"]),
         (["--duration", "0"], ["duration: must be positive"]),
@@ -253,13 +265,24 @@ def test_bad_scenario_file_gives_2_and_one_line(text, said, capsys, tmp_path):
     assert said in one_error_line(capsys)
 
 
-def test_any_parameter_dataclass_loads_from_a_file(tmp_path):
-    path = tmp_path / "spring.yaml"
-    path.write_text(dump(to_tree(Spring(5.0, 1e-7))))
-    assert loaded(Spring(), path) == Spring(5.0, 1e-7)
-    path.write_text("damping: 0")
-    with pytest.raises(ParameterError, match="damping: must be positive"):
-        loaded(Spring(), path)
+@pytest.mark.parametrize("strength", ["2", "2.0", "[2, 3]", "2e-1"])
+def test_a_tag_chooses_the_kind_of_a_controller_and_is_kept_in_the_file(tmp_path, strength):
+    """Chosen by a tag, its own parameters are set as any others; the file of the run names the same kind."""
+    seen = []
+
+    def look(scenario, options):
+        seen.append(scenario)
+        return run(scenario, options)
+
+    choice = ["--set", "controller=!Damper {}", "--set", f"controller.strength={strength}"]
+    assert main(toy(run=look), ["--case", "soft", *choice, "--out", str(tmp_path)]) == 0
+    assert main(toy(run=look), ["--scenario", str(tmp_path / "soft" / "scenario.yaml")]) == 0
+    first, second = seen
+    assert first.controller == Damper(yaml.safe_load(strength.replace("2e-1", "0.2")))
+    assert second.controller == first.controller and isinstance(second.controller, Damper)
+    np.testing.assert_array_equal(first.offset, second.offset)
+    again = with_assignments(second, ["controller=!Spring {damping: 5}"])
+    assert again.controller == Spring(damping=5.0) and second.controller == first.controller
 
 
 def test_words_reach_text_fields_as_typed():
@@ -333,8 +356,10 @@ def test_model_is_taken_where_allowed(tmp_path, capsys):
     model = tmp_path / "arm.urdf"
     model.write_text("<robot/>")
     experiment = toy(accepts_model=True)
-    assert main(experiment, ["--case", "soft", "--model", str(model), "--out", str(tmp_path)]) == 0
-    assert json.loads((tmp_path / "soft" / "metrics.json").read_text())["scenario"]["robot"] == str(model)
+    for more, home in ([], []), (["--set", "home=[30]"], [30.0]):  # the case's posture is not that of another robot
+        assert main(experiment, ["--case", "soft", "--model", str(model), "--out", str(tmp_path), *more]) == 0
+        scenario = json.loads((tmp_path / "soft" / "metrics.json").read_text())["scenario"]
+        assert scenario["robot"] == str(model) and scenario["home"] == home
     capsys.readouterr()
     assert main(experiment, ["--model", "missing.urdf"]) == 2
     assert "no file 'missing.urdf'" in one_error_line(capsys)

@@ -12,6 +12,7 @@ from experiments.contact.random_touches import RandomTouchParameters, draw_touch
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import nearest_surface_point
+from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import find_target
 from saphari_drake.simulation.runner.experiment import main
@@ -66,7 +67,7 @@ def test_every_touch_can_be_run(lwr4, script):
     for trial in range(60):
         drawn = draw_touch(lwr4, HAND, RandomTouchParameters(), [0, trial])
         single = script.trial_of(script.scenario_for("random"), drawn, trial)
-        robot = script.load_robot(single.robot, single.home)
+        robot = catalog.load(single.robot, home=np.deg2rad(single.home))
         np.testing.assert_array_equal(robot.home, drawn.q)
         find_target(robot, robot.home, drawn.push)
 

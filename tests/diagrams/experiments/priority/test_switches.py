@@ -8,7 +8,7 @@ from saphari_drake.control.reverse_priority.solver import constraint_step
 from saphari_drake.control.reverse_priority.stack import PriorityStack
 from saphari_drake.control.reverse_priority.system import position_reference
 from saphari_drake.control.reverse_priority.tasks import Bound, plane_distance, position_task
-from saphari_drake.math.small_solvers import cholesky
+from saphari_drake.math.products import cholesky
 from saphari_drake.robots.dynamics import point_position
 
 NOWHERE = np.zeros((0, 6))

@@ -1,0 +1,127 @@
+"""The cell of Section 6: a robot with a sensitive skin and a wrist sensor, led by two hands, as one diagram."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
+
+from saphari_drake.parameters import require_choice, require_positive
+from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
+from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
+from saphari_drake.pipelines.hand_guiding import (
+    HandGuidingMeasurements,
+    HandGuidingPipeline,
+    HandGuidingPipelineParameters,
+    add_hand_guiding_pipeline,
+)
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.guiding_hands import Grip, GuidingHands
+from saphari_drake.simulation.sensors.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorParameters
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.sensors.skin_indenter import indent
+from saphari_drake.simulation.sensors.skin_modules import SkinModules
+from saphari_drake.simulation.sensors.skin_sensor import SkinSensor, SkinSensorParameters
+from saphari_drake.simulation.world.cell import connect_torque, ignore_self_contact
+from saphari_drake.simulation.world.hand_and_floor import add_floor
+from saphari_drake.simulation.world.position_servo import JointPositionServo, PositionServoParameters
+
+INTERFACES = ("torque", "position")
+
+
+@dataclass
+class GuidingCellParameters:
+    """World, sensors and pipeline, whose period all take, and the wrist sensor its joint, whatever theirs were."""
+
+    # s; step of the discrete plant.
+    time_step: float = 0.001
+    # What the arm takes: torque, or position, to which its own stiff servo then holds.
+    interface: str = "torque"
+    servo: PositionServoParameters = field(default_factory=PositionServoParameters)
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(position_resolution=1e-6))
+    skin_layout: SkinLayoutParameters = field(default_factory=SkinLayoutParameters)
+    skin_sensor: SkinSensorParameters = field(default_factory=SkinSensorParameters)
+    force_sensor: ForceTorqueSensorParameters = field(default_factory=ForceTorqueSensorParameters)
+    pipeline: HandGuidingPipelineParameters = field(default_factory=HandGuidingPipelineParameters)
+
+    def __post_init__(self) -> None:
+        require_positive(self, "time_step")
+        require_choice(self, "interface", INTERFACES)
+        for part in (self.servo, self.joint_sensor, self.skin_sensor, self.force_sensor):
+            part.period = self.pipeline.period
+        self.force_sensor.joint = self.pipeline.wrist.joint
+
+
+@dataclass
+class GuidingCell:
+    """What `add_guiding_cell` put into a diagram."""
+
+    robot: RobotModel
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    robot_state: OutputPort
+    hands: GuidingHands
+    pipeline: HandGuidingPipeline
+    torque_excess: OutputPort  # of the system that drives the joints
+
+
+def add_guided_robot(
+    builder: DiagramBuilder, robot: RobotModel, params: GuidingCellParameters
+) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex, InputPort]:
+    """Add the plant with the robot at its home posture; return it, with the input of its joint torques."""
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, params.time_step)
+    plant.set_name("plant")
+    instance = robot.add_to(plant)
+    add_floor(plant)
+    plant.Finalize()
+    plant.SetDefaultPositions(instance, robot.home)
+    ignore_self_contact(plant, scene_graph, instance)
+    return plant, scene_graph, instance, connect_torque(builder, robot, plant, instance)
+
+
+def skin_calibration(layout: SkinLayout, params: GuidingCellParameters) -> SkinCalibration:
+    """Return the calibration of the cell's skin from presses of an indenter."""
+    return calibrate(layout, indent(SkinModules(layout, params.skin_sensor.modules)))
+
+
+def add_guiding_cell(
+    builder: DiagramBuilder, robot: RobotModel, grips: Sequence[Grip], params: GuidingCellParameters, layout: SkinLayout
+) -> GuidingCell:
+    """Add the whole cell: plant, hands, sensors and the pipeline, which knows nothing but the sensors."""
+    params = replace(params)  # sensors and servo take the period
+
+    def add(name: str, system: LeafSystem):
+        return builder.AddNamedSystem(name, system)
+
+    plant, scene_graph, instance, torque_input = add_guided_robot(builder, robot, params)
+    state = plant.get_state_output_port(instance)
+    hands = add("hands", GuidingHands(robot, plant, instance, grips, params.time_step))
+    joints = add("joint_sensor", JointSensor(robot, params.joint_sensor))
+    skin = add("skin_sensor", SkinSensor(layout, robot, plant, instance, params.skin_sensor))
+    wrist = add("force_sensor", ForceTorqueSensor(plant, instance, params.force_sensor))
+    forces = hands.GetOutputPort("applied_forces")
+    builder.Connect(forces, plant.get_applied_spatial_force_input_port())
+    builder.Connect(forces, skin.GetInputPort("applied_forces"))
+    builder.Connect(plant.get_reaction_forces_output_port(), wrist.GetInputPort("reaction_forces"))
+    for system in (hands, joints, skin):
+        builder.Connect(state, system.GetInputPort("state"))
+    measured = HandGuidingMeasurements(
+        joints.GetOutputPort("position_measured"),
+        joints.GetOutputPort("velocity_measured"),
+        wrist.GetOutputPort("wrench_sensor"),
+        skin.GetOutputPort("voltages"),
+        skin.GetOutputPort("sample_time"),
+    )
+    calibration = skin_calibration(layout, params)
+    pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
+    driving: LeafSystem = pipeline.controller
+    if params.interface == "position":
+        driving = add("position_servo", JointPositionServo(robot, params.servo))
+        builder.Connect(state, driving.GetInputPort("state"))
+        builder.Connect(pipeline.position_output, driving.GetInputPort("position_commanded"))
+    builder.Connect(driving.GetOutputPort("torque_commanded"), torque_input)
+    excess = driving.GetOutputPort("torque_excess")
+    return GuidingCell(robot, plant, scene_graph, state, hands, pipeline, excess)
