@@ -59,8 +59,8 @@ def limited_torque(envelope, motion, command):
     Guarantee: with M, C, g and τ_ext exact, |τ_ext| within the share kept for a push, and rates of τ_ext and of C q̇ + g
     within the reserve, a state from which a stop exists leads to another one: to lower each acceleration with the sure
     jerk to the sure deceleration is always among the torques allowed. (Del Prete, RA-L 2018, for accelerations without
-    jerk; a limited rate of torque adds the jerk.) Where that fails, status BRAKING: the torque nearest to that of a stop,
-    within size and rate. The bound of the energy holds by its reserve, which is evidence from trials, no proof.
+    jerk; a limited rate of torque adds the jerk.) Where that fails, status BRAKING: the torque nearest to that of a
+    stop, within size and rate. The bound of the energy holds by its reserve: evidence from trials, no proof.
     """
     e, v, n = envelope, motion.v, len(motion.q)
     M_inv, offset = np.linalg.inv(motion.M), motion.h - motion.tau_ext

@@ -29,7 +29,7 @@ def nearest(H_inv, x0, C, low, high, x, active):
     x, active : (n,) array, (m,) int array
         Results; +1 where the upper, −1 where the lower limit holds x back, 0 elsewhere.
     """
-    n, m = len(x0), len(low)
+    n = len(x0)
     x[:] = x0
     active[:] = 0
     which, price = np.empty(n, dtype=np.int64), np.zeros(n + 1)

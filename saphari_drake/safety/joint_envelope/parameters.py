@@ -64,8 +64,8 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
 
     With all joints anywhere within limits, moving and decelerating in any direction, Σ_j |M_ij| A_j + |C q̇ + g|_i +
     push_share τ_max,i ≤ τ_max,i, and Σ_j |M_ij| J_j ≤ (1 − rate_reserve) τ̇_max,i. Both hold over random postures, which
-    is evidence, no proof, for those between them. What is left over goes to single joints, halves at a time. A deceleration
-    that jerk would need more than a quarter of the velocity limit to reach is not asked for: A² ≤ J v_max / 2.
+    is evidence, no proof, for those between them. What is left over goes to single joints, halves at a time. A
+    deceleration that takes the jerk more than a quarter of the velocity limit to reach is not asked for: A² ≤ J v_max / 2.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
 
 
 def _shared(inertia: Array, left: Array, weight: Array) -> Array:
-    """Return x (n,) with |M| x ≤ left in all postures (k, n), first in the ratio of `weight`, then more where it fits."""
+    """Return x (n,) with |M| x ≤ left in all postures (k, n): in the ratio of `weight`, and more where it fits."""
     x = 0.5 * weight * np.min(left / (inertia @ weight))
     for _ in range(6):
         for i in range(len(x)):
