@@ -26,6 +26,8 @@ class JointEnvelopeParameters:
     energy_reserve: float = 0.25
     # Share of the torque limits that a push may take while the robot brakes. Assumed.
     push_share: float = 0.1
+    # Share of the velocity limits at which all joints are taken to move at once when a stop begins. Assumed.
+    speed_share: float = 0.5
     # Share of the torque rate kept for changes of gravity, of velocity terms and of pushes. Assumed.
     rate_reserve: float = 0.5
     # rad or m, kept from the position limits.
@@ -40,7 +42,7 @@ class JointEnvelopeParameters:
         require_non_negative(self, "position_margin")
         if not self.kinetic_energy > 0.0:
             raise ParameterError("kinetic_energy", f"must be positive, got {self.kinetic_energy}")
-        for name in ("energy_reserve", "push_share", "rate_reserve"):
+        for name in ("energy_reserve", "push_share", "rate_reserve", "speed_share"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise ParameterError(name, f"must lie in [0, 1), got {getattr(self, name)}")
 
@@ -77,7 +79,8 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
     low, high = np.maximum(robot.q_min, -np.pi), np.minimum(robot.q_max, np.pi)
     inertia, load = np.empty((params.postures, n, n)), np.empty((params.postures, n))
     for k in range(params.postures):
-        terms = evaluate_dynamics(robot, rng.uniform(low, high), reach * rng.choice([-1.0, 0.0, 1.0], n))
+        v = params.speed_share * reach * rng.choice([-1.0, 0.0, 1.0], n)
+        terms = evaluate_dynamics(robot, rng.uniform(low, high), v)
         inertia[k], load[k] = np.abs(terms.M), np.abs(terms.Cv + terms.g)
     left = (1.0 - params.push_share) * robot.tau_max - load
     if left.min() <= 0.0:

@@ -19,7 +19,7 @@ def problem(seed, shifted=False):
     inside = C @ rng.normal(size=N)
     low, high = inside - width * rng.uniform(size=len(C)), inside + width * rng.uniform(size=len(C))
     if shifted:
-        low = low + rng.uniform(0.0, 2.0, len(C)) * width
+        low = low + rng.uniform(0.0, 1.0, len(C)) * (rng.random(len(C)) < 0.2) * width
         high = np.maximum(high, low)
     return H, rng.normal(size=N) * 10.0 ** rng.uniform(0.0, 3.0), C, low, high
 
