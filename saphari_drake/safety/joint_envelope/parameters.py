@@ -67,7 +67,7 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
     With all joints anywhere within limits, moving and decelerating in any direction, Σ_j |M_ij| A_j + |C q̇ + g|_i +
     push_share τ_max,i ≤ τ_max,i, and Σ_j |M_ij| J_j ≤ (1 − rate_reserve) τ̇_max,i. Both hold over random postures, which
     is evidence, no proof, for those between them. What is left over goes to single joints, halves at a time. A
-    deceleration that takes the jerk more than a quarter of the velocity limit to reach is not asked for: A² ≤ J v_max / 2.
+    deceleration that takes the jerk more than a quarter of the velocity limit to reach is not asked for: A² ≤ J v/2.
 
     Raises
     ------
