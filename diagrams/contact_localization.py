@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from experiments.localization.judge import Row, Shown, judged_scene
+from experiments.localization.judge import Localizer, Row, Shown, judged_scene
+from experiments.localization.parameters import KINDS
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
@@ -14,14 +15,18 @@ from experiments.localization.scenario import (
     build_scenes,
     scenario_for,
 )
-from experiments.localization.scenes import KINDS, ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, Touch
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.perception.contact.law import ContactFusionLaw
-from saphari_drake.perception.contact.vision import ContactVision
+from saphari_drake.perception.contact.places import PlaceFinder
 from saphari_drake.perception.segmentation.background import background_depth
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Outcome, RunOptions, main
+from saphari_drake.perception.segmentation.robot_filter import RobotFilter
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 SHOWN = 15  # scenes of the replay
 
@@ -62,7 +67,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     backgrounds = [
         background_depth(scenes.background(k, rng), scenario.localizer) for k in range(len(scenario.cameras))
     ]
-    law = ContactFusionLaw(scenes.robot, [], scenario.fusion)
+    law = ContactFusionLaw(scenes.robot, scenario.fusion)
     rows: list[Row] = []
     shown: list[Shown] = []
     drawn = count = 0
@@ -75,11 +80,12 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
         images = scenes.images(touches, touches[0].q)
         if not wanted(case, [scenes.visible(images[0], 0, touch, touches[0].q) for touch in touches]):
             continue
-        law.visions = tuple(
-            ContactVision(scenes.robot.shapes, camera, scenario.localizer, background)
+        filters = [
+            RobotFilter(scenes.robot.shapes, camera, scenario.localizer, background)
             for camera, background in zip(believed_cameras(scenario, rng), backgrounds)
-        )
-        judged, picture = judged_scene(scenario, scenes, law, touches, images, rng)
+        ]
+        localizer = Localizer(law, [PlaceFinder(camera, scenario.localizer) for camera in filters])
+        judged, picture = judged_scene(scenario, scenes, localizer, touches, images, rng)
         rows += judged
         shown += [picture] if count < SHOWN else []
         count += 1
@@ -99,15 +105,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment(
-    name="contact_localization",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("contact_localization", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

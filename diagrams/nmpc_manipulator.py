@@ -10,7 +10,9 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import Experiment, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
     "none": "the pose alone",
@@ -53,7 +55,7 @@ def build_diagram(scenario: ManipulatorScenario) -> Diagram:
 
 def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
-    result = simulate(_cell(scenario, options), scenario.duration, scenario.case, options.realtime_rate)
+    result = simulate(_cell(scenario, options), scenario.duration, scenario.case, options)
     title = f"Predictive control of a manipulator: {CASES[scenario.case]} (layout of Fig. 1)"
     view = ((2.0, -1.4, 1.3), (0.1, 0.0, 0.5))
     return Outcome(
@@ -65,14 +67,7 @@ def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    name="nmpc_manipulator",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-    seedless=frozenset(CASES),
+    "nmpc_manipulator", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, seedless=frozenset(CASES)
 )
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
     "1": "a path without obstacles",
@@ -60,7 +62,7 @@ def build_diagram(scenario: MobileScenario) -> Diagram:
 def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
     cell = _cell(scenario, options)
-    result = simulate(cell, scenario.duration, scenario.case, options.realtime_rate)
+    result = simulate(cell, scenario.duration, scenario.case, options)
     metrics: list[Metric] = judge_mobile(result, scenario.job, scenario.case)
     title = f"Predictive control of a mobile manipulator: {CASES[scenario.case]} (layout of Fig. 2 and 3)"
     view = ((4.5, -1.5, 3.0), (0.0, 2.5, 0.6))
@@ -73,12 +75,12 @@ def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    name="nmpc_mobile_manipulator",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
+    "nmpc_mobile_manipulator",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
     seedless=frozenset(CASES) - {"human_seen"},
 )
 

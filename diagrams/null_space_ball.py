@@ -13,7 +13,9 @@ from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, buil
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 RUNS = Runs()
 
@@ -75,21 +77,13 @@ def judged(result: Run, reference: Run) -> list[Metric]:
 
 def steady_error(result: Run, rows: np.ndarray) -> float:
     """Return ‖K⁻¹ J_M^{#T} τ_ext‖ (m), the error that stays without an observer, from the true external torque."""
-    log, controller = result.log, result.setup.parts.controller
+    log, controller = result.log, result.setup.parts.pipeline.controller
     q, torque = log["position"][rows].mean(axis=0), -log["contact_torque"][rows].mean(axis=0)
     task = controller.kinematics(evaluate_dynamics(result.setup.robot, q, np.zeros(len(q)))).task
     return float(np.linalg.norm((task.J_inv.T @ torque / controller.gains.K_x)[-3:]))
 
 
-EXPERIMENT = Experiment(
-    name="null_space_ball",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

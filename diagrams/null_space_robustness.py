@@ -15,7 +15,9 @@ from experiments.null_space.figures import disturbed
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 RUNS = Runs()
 
@@ -108,15 +110,7 @@ def judged(name: str, result: Run) -> list[Metric]:
     return metrics
 
 
-EXPERIMENT = Experiment(
-    name="null_space_robustness",
-    summary=__doc__.partition("\n")[0],
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("null_space_robustness", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

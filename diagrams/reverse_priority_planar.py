@@ -12,11 +12,12 @@ from experiments.priority.three_level_build import (
     drake_three_level,
     judge_three_level,
 )
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, advance, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 
 CASES = {
     "constrained": "y at the end of link 4 kept in ±0.5 m: upper bound hard, lower bound soft",
@@ -66,15 +67,14 @@ def run_three_level(scenario: ReversePriorityScenario, options: RunOptions) -> O
     """Run the LWR4 among a moving person."""
     job = three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)
     cell = build_three_level(job, options.meshcat)
-    simulator = Simulator(cell.diagram)
-    simulator.set_target_realtime_rate(options.realtime_rate)
-    wall = advance(simulator, scenario.duration, scenario.case)
-    log = cell.recorder.log(cell.diagram, simulator.get_context())
+    simulation = Simulation(cell.diagram, scenario.case, options)
+    simulation.to(scenario.duration)
+    log = simulation.log(cell.recorder)
     add_three_level_signals(cell, log)
     metrics = [
         *judge_three_level(cell, log),
         *drake_three_level(cell, log),
-        Metric("real_time_factor", scenario.duration / wall, "1", decides=False),
+        Metric("real_time_factor", simulation.real_time_factor, "1", decides=False),
     ]
     title = f"Reverse priority: {CASES[scenario.case]}"
     return Outcome(
@@ -88,10 +88,9 @@ def run_three_level(scenario: ReversePriorityScenario, options: RunOptions) -> O
 def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
     """Run the planar arm of Fig. 4."""
     cell = build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case)
-    simulator = Simulator(cell.diagram)
-    simulator.set_target_realtime_rate(options.realtime_rate)
-    advance(simulator, scenario.duration, scenario.case)
-    log = cell.recorder.log(cell.diagram, simulator.get_context())
+    simulation = Simulation(cell.diagram, scenario.case, options)
+    simulation.to(scenario.duration)
+    log = simulation.log(cell.recorder)
     add_derived(cell, log)
     metrics = judge_planar(cell, log, scenario.case) + drake_baseline(cell, log, scenario.case)
     title = f"Reverse priority: {CASES[scenario.case]} (layout of Fig. 4)"
@@ -101,12 +100,12 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
 
 
 EXPERIMENT = Experiment(
-    name="reverse_priority_planar",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
+    "reverse_priority_planar",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
     seedless=frozenset(CASES) - {"three_level"},
 )
 

@@ -11,8 +11,10 @@ from experiments.guiding.touches import skin_metrics
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.people.guiding_hands import Pull
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, Outcome, RunOptions, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
     "end_effector_first": "the end effector is led; then a hand presses the body",
@@ -28,10 +30,10 @@ def scenario_for(case: str) -> GuidingScenario:
     """Return the scenario of a case."""
     scenario = GuidingScenario(case=case)
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
-    # force keep it below what the second hand does. Such a wrist is stable with hands of up to 2000 N/m. All cases have
-    # the same gains; tests/benchmarks/gain_margins.py tells how far they may be off.
+    # force keep it below what the second hand does. All cases have the same gains; tests/benchmarks/gain_margins.py
+    # tells how far they may be off.
     controller = scenario.system.pipeline.controller
-    controller.K_P, controller.K_D, controller.force_time = 6400.0, 160.0, 0.005
+    controller.K_P, controller.K_D, controller.force_time, controller.hand_stiffness = 6400.0, 160.0, 0.005, 2000.0
     if case == "body_first":
         scenario.home[5] = -65.0
         scenario.body.pulls = [Pull(0.6, 2.4, 0.5, [0.5, 1.5, -4.5]), Pull(2.5, 2.8, 0.5, [-1.0, -2.0, -4.0])]
@@ -93,15 +95,7 @@ def _second_rank(result: GuidingRun) -> np.ndarray:
     return ranks[ranks > 0] if np.any(ranks > 0) else np.zeros(1)
 
 
-EXPERIMENT = Experiment(
-    name="skin_hand_guiding",
-    summary=__doc__,
-    cases=CASES,
-    scenario_for=scenario_for,
-    run=run,
-    build_diagram=build_diagram,
-    accepts_model=True,
-)
+EXPERIMENT = Experiment("skin_hand_guiding", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -30,6 +30,11 @@ class SystemStatus(IntEnum):
     BRAKES_ON = 3  # the state of the robot is not known: apply the brakes, torque carries the weight alone
 
 
+def status_of(*values: NDArray[np.float64]) -> SystemStatus:
+    """Return OK if all values are finite, else BAD_INPUT."""
+    return SystemStatus.OK if all(np.isfinite(value).all() for value in values) else SystemStatus.BAD_INPUT
+
+
 class CommandMode(IntEnum):
     """What becomes of the command of a controller, also published as a number."""
 
@@ -74,19 +79,6 @@ class InteractionMode(IntEnum):
     RETURN = 2  # released: the contact point goes back to where it was touched
     YIELD = 3  # touched, but not seen where: only damping and gravity compensation
     STOP = 4  # the camera is lost: compliant stop
-
-
-class ForceStatus(IntEnum):
-    """What the force control does, and why it does not control a force, also published as a number."""
-
-    HOLD = 0  # nobody touches: keep the posture
-    CONTROLLED = 1  # the force is controlled in all directions
-    PARTIAL = 2  # controlled, except along directions in which joint torques do not show it
-    WEAK = 3  # touched with a force below the gate: brake
-    RELEASED = 4  # braking to rest after the release
-    SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
-    UNSEEN = 6  # touched, but not seen where: yield
-    NO_CAMERA = 7  # the camera is lost: compliant stop
 
 
 @dataclass(frozen=True)
@@ -170,37 +162,6 @@ class ObstaclePoints(Immutable):
     status: ObstacleStatus = ObstacleStatus.OK
 
 
-class NmpcStatus(IntEnum):
-    """What the predictive controller does, also published as a number."""
-
-    SOLVED = 0  # converged within the tolerance
-    REAL_TIME = 1  # one iteration, as asked
-    UNCONVERGED = 2  # the iteration limit came first; what is applied is clear all the same
-    SLACK = 3  # some predicted distance is below its minimum; what is applied is clear
-    BRAKING = 4  # no clear motion was found: brake
-    START_INSIDE = 5  # nearer to an obstacle than allowed already: brake, or retreat if that is wanted
-    BAD_INPUT = 6  # an input is not finite, or has a wrong size: brake
-    OBSTACLES_LOST = 7  # the source of the obstacles is lost or too old: brake
-    WAITING = 8  # no cycle yet: at rest
-
-
-@dataclass(frozen=True)
-class NmpcReference(Immutable):
-    """Desired poses of an end effector over a horizon.
-
-    Attributes
-    ----------
-    p_WE : (m, 3) array
-        Positions (m); row k is for k control periods from now. Where rows are lacking, the last one holds, so that one
-        row is a target that stays. With delay compensation, one row more than the horizon's N + 1 is used.
-    R_WE : (m, 3, 3) array
-        Orientations.
-    """
-
-    p_WE: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
-    R_WE: NDArray[np.float64] = field(default_factory=lambda: np.eye(3)[None])
-
-
 class SkinStatus(IntEnum):
     """State of a skin patch, also published as a number."""
 
@@ -208,25 +169,6 @@ class SkinStatus(IntEnum):
     DEGRADED = 1  # some modules are dead: they are left out, and named
     SATURATED = 2  # a module is at the end of its range: the force is a lower bound
     LOST = 3  # too few modules can be used, or samples are too old: whoever needs the skin must stop
-
-
-class GuidingPriority(IntEnum):
-    """Which guided point is the main task, also published as a number."""
-
-    NONE = 0  # nobody touches
-    END_EFFECTOR = 1
-    BODY = 2
-
-
-class GuidingStatus(IntEnum):
-    """What hand guiding does, also published as a number."""
-
-    HOLD = 0  # nobody touches: keep the posture
-    GUIDED = 1  # every touched point follows its hand
-    PARTIAL = 2  # a touched point cannot move in some direction that it is pushed in
-    LIMITED = 3  # a limit of speed, workspace or joints holds the motion back
-    SENSOR_LOST = 4  # a force is not known: brake, then keep the posture
-    WAITING = 5  # forces are known again: keep the posture until nobody touches
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,35 @@ def require_non_negative(params: object, *names: str) -> None:
             raise ParameterError(name, f"must not be negative, got {getattr(params, name)}")
 
 
+def require_vector(params: object, size: int, *names: str) -> None:
+    """Demand `size` finite numbers in the named fields."""
+    for name in names:
+        value = np.asarray(getattr(params, name), dtype=float)
+        if value.shape != (size,) or not np.all(np.isfinite(value)):
+            raise ParameterError(name, f"needs {size} finite numbers, got {getattr(params, name)}")
+
+
 def require_choice(params: object, name: str, choices: tuple[str, ...]) -> None:
     """Demand one of `choices` in the named field."""
     if getattr(params, name) not in choices:
         raise UnknownNameError(name, getattr(params, name), choices)
+
+
+def share_period(params: Any, *names: str) -> None:
+    """Give the period of `params` to the parameters in the named fields.
+
+    Raises
+    ------
+    ParameterError
+        If one of them was given a period of its own: another than its default, or than was shared before.
+    """
+    before = getattr(params, "_shared_period", params.period)
+    for name in names:
+        part = getattr(params, name)
+        if part.period not in (params.period, before, type(part).period):
+            raise ParameterError(f"{name}.period", f"is that of the pipeline, {params.period} s; set period instead")
+        part.period = params.period
+    params._shared_period = params.period
 
 
 def diagonal(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:

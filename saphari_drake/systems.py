@@ -1,12 +1,21 @@
-"""Idioms of a LeafSystem: the control cycle, one cached evaluation, and vector ports that read parts of it."""
+"""Idioms of systems: the control cycle, one cached evaluation, vector ports that read parts of it, and wiring."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, CacheEntry, Context, DependencyTicket, LeafSystem, ValueProducer
+from pydrake.systems.framework import (
+    BasicVector,
+    CacheEntry,
+    Context,
+    DependencyTicket,
+    DiagramBuilder,
+    LeafSystem,
+    ValueProducer,
+)
 
 # s; cycles fire this long after their nominal times. Times that are equal on paper differ by rounding, so that without
 # it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
@@ -51,3 +60,52 @@ def declare_readouts(
             lambda context, output, read=read: output.SetFromVector(read(entry.Eval(context))),
             prerequisites_of_calc={entry.ticket()},
         )
+
+
+def declare_value(
+    system: LeafSystem, name: str, initial: object, entry: CacheEntry, read: Callable[[Any], object]
+) -> None:
+    """Declare an abstract output port with ``read`` applied to the cached value; `initial` gives its type."""
+    system.DeclareAbstractOutputPort(
+        name,
+        alloc=lambda: AbstractValue.Make(initial),
+        calc=lambda context, value: value.set_value(read(entry.Eval(context))),
+        prerequisites_of_calc={entry.ticket()},
+    )
+
+
+def connect(builder: DiagramBuilder, *wires: tuple) -> None:
+    """Connect ports of equal names, for each wire ``(source, name, *targets)``."""
+    for source, name, *targets in wires:
+        for target in targets:
+            builder.Connect(source.GetOutputPort(name), target.GetInputPort(name))
+
+
+def declare_outputs(
+    system: LeafSystem,
+    evaluate: Callable[[Context], Any],
+    ticket: DependencyTicket,
+    initial: object,
+    reads: Mapping[str, Callable[[Any], Any]],
+) -> None:
+    """Declare an output port for each ``name: read``, with ``read`` applied to what ``evaluate(context)`` returns.
+
+    What `read` makes of `initial` gives the port's type: a vector port for a sequence of numbers, otherwise an abstract
+    one. `ticket` is that of the state or cache entry which is evaluated.
+    """
+    for name, read in reads.items():
+        value = read(initial)
+        if np.ndim(value) == 1:
+            system.DeclareVectorOutputPort(
+                name,
+                BasicVector(len(value)),
+                lambda context, output, read=read: output.SetFromVector(read(evaluate(context))),
+                prerequisites_of_calc={ticket},
+            )
+        else:
+            system.DeclareAbstractOutputPort(
+                name,
+                alloc=lambda value=value: AbstractValue.Make(value),
+                calc=lambda context, output, read=read: output.set_value(read(evaluate(context))),
+                prerequisites_of_calc={ticket},
+            )

@@ -63,6 +63,19 @@ def write_mobile_arm(folder):
     )
 
 
+def write_random_tree(folder, seed, joints=9):
+    """Write a tree that branches anywhere, with revolute and prismatic joints about any axes."""
+    rng = np.random.default_rng(seed)
+    text = lambda values: " ".join(f"{value:.6f}" for value in values)  # noqa: E731
+    elements = [link("link_0", 0)]
+    for k in range(1, joints + 1):
+        axis, kind = rng.normal(size=3), ("revolute", "prismatic")[rng.random() < 0.3]
+        elements.append(link(f"link_{k}", rng.uniform(0.5, 5.0), text(rng.uniform(-0.2, 0.2, 3)), 0.05))
+        where = {"axis": text(axis / np.linalg.norm(axis)), "origin": text(rng.uniform(-0.4, 0.4, 3))}
+        elements.append(joint(f"joint_{k}", f"link_{rng.integers(max(k - 3, 0), k)}", f"link_{k}", kind, **where))
+    return write_urdf(folder, *elements, name=f"tree_{seed}")
+
+
 def arm_path(name, folder):
     """Return the model file of one of `ARMS`."""
     return {
@@ -105,6 +118,11 @@ class PinocchioTwin:
         Cv = pin.rnea(self.model, self.data, q, v, zero) - g
         o = self.order
         return M[np.ix_(o, o)], Cv[o], (C.T @ v)[o], g[o]
+
+    def coriolis(self, q, v):
+        """Return a C with C q̇ the bias and C + Cᵀ the time derivative of M."""
+        C = pin.computeCoriolisMatrix(self.model, self.data, self._own(q), self._own(v))
+        return C[np.ix_(self.order, self.order)].copy()
 
     def point(self, q, v, link, p_LC):
         """Return p_WC, v_WC, Jv_WC and J̇q̇ of a point of a link."""

@@ -13,8 +13,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.math.primitives import nearest_surface_point, surface_point
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose
+from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.perception.contact.places import Place, PlaceFinder
+from saphari_drake.perception.segmentation.robot_filter import RobotFilter
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.sensors.depth_noise import DepthNoiseParameters, add_kinect_noise
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
 
 WHITE = np.ones(4)
@@ -104,3 +108,21 @@ class HandScene:
                 and clearance(point + finger * np.linspace(0.1, 0.45, 15)[:, None]) > 0.085
             ):
                 return Touch(q, R_WL, p_WL, int(shapes.link[s]), point, normal, finger)
+
+
+def noisy(image, seed):
+    """An image as a Kinect measures it."""
+    return add_kinect_noise(image, np.random.default_rng(seed), DepthNoiseParameters())
+
+
+def place_finder(scene: HandScene, background=None) -> PlaceFinder:
+    """What finds places in the images of a scene's camera."""
+    params = LocalizerParameters()
+    return PlaceFinder(RobotFilter(scene.robot.shapes, scene.camera, params, background), params)
+
+
+def likeliest(finder: PlaceFinder, image, touch) -> tuple[Place, float]:
+    """The likeliest explanation of an image of a touch, and its error (m)."""
+    place = min(finder.look(image, touch.R_WL, touch.p_WL).places, key=lambda place: place.cost)
+    p_WC = touch.p_WL[place.link] + touch.R_WL[place.link] @ place.p_LC
+    return place, float(np.linalg.norm(p_WC - touch.p_WC))

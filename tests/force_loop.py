@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from saphari_drake.control.contact.force import ContactForceController, contact_force_torque
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.force_system import ContactForceController
+from saphari_drake.control.contact.law import contact_force_torque
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.estimation.contact_force import ContactForceParameters, estimate_contact_force
 from saphari_drake.robots.dynamics import evaluate_dynamics
 

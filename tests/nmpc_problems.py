@@ -3,9 +3,10 @@
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.math.tree import tree_kinematics
-from saphari_drake.messages import NmpcReference, ObstaclePoints
+from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
+from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots import catalog
 
 DH_D = [0.3105, 0.0, 0.4, 0.0, 0.39, 0.0, 0.078]
@@ -56,8 +57,7 @@ def dh_frames(q):
 
 def link_frames(robot, q):
     """Return the poses of the robot's links in the world as 4×4 matrices."""
-    t = robot.tree
-    R, p, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
+    R, p, *_ = robot.kinematics(q).motion
     return [np.vstack([np.hstack([a, b[:, None]]), [0, 0, 0, 1]]) for a, b in zip(R, p)]
 
 
@@ -92,6 +92,17 @@ def benchmark_problem(case="3", **changes):
     }
     X_LE = RigidTransform(X_LD[7])
     return NmpcProblem(robot, robot.link_names[-1], points, NmpcParameters(**(values | changes)), X_LE)
+
+
+def test_points(problem, q):
+    """Return the test points (points, 3) in the world at joint positions `q`."""
+    R, p = problem.end_effector_pose(q)
+    scene = problem.scene(q, NmpcReference(p[None], R[None]), ObstaclePoints())
+    Q = np.tile(q, (problem.N, 1))
+    return evaluate(problem.data, scene, Q, no_multipliers(scene, *Q.shape), False, False).P[0]
+
+
+test_points.__test__ = False
 
 
 def start(problem):

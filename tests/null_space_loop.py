@@ -4,7 +4,7 @@ from copy import copy
 
 import numpy as np
 
-from saphari_drake.control.null_space.law import null_space_torque, task_error, task_force
+from saphari_drake.control.null_space.law import Desired, null_space_torque, task_error, task_force
 from saphari_drake.control.null_space.parameters import NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
 from saphari_drake.estimation.disturbance_observer import (
@@ -55,17 +55,16 @@ class Loop:
     def step(self, F_W=None, link=2, p_LC=(0.0, 0.0, 0.12), tau_ext=None):
         """Apply the law and a force on the arm (or its joint torque) over one period; return the task error."""
         self.terms = d = evaluate_dynamics(self.robot, self.q, self.v)
-        self.task, R, p, V = self.controller.kinematics(d)
-        gains = self.controller.gains
-        self.e = task_error(R, p, V, self.R_d, self.p_d, self.V_d, self.A_d, self.controller.m)
+        now, gains = self.controller.kinematics(d), self.controller.gains
+        self.task = now.task
+        self.e = task_error(now, Desired(self.R_d, self.p_d, self.V_d, self.A_d, self.rest))
         self.tau_ext = -d.point(link, np.array(p_LC)).Jv_WC.T @ F_W if tau_ext is None else tau_ext
         r = residual(d.p, self.integral, self.gain)
         momentum, period = self.params.observer == "momentum", self.params.period
         estimate = -r if momentum else self.estimate
-        force = task_force(self.controller.observer, self.task, self.e, estimate, d.v, gains)
-        stiffness, damping = np.full(self.robot.n, 10.0), np.full(self.robot.n, 5.0)
+        force = task_force(self.task, self.e, estimate, d.v, gains)
         torque = self.task.J.T @ (force.task + force.compensation) + d.Cv + d.g
-        torque += null_space_torque(self.task, self.rest - self.q, d.M, stiffness, damping, period)
+        torque += null_space_torque(self.task, self.rest - self.q, d.M, gains)
         self.integral = advance_integral(self.integral, r, torque, d, period)
         self.v = self.v + period * np.linalg.solve(d.M, torque - d.Cv - d.g - self.tau_ext)
         self.q = self.q + period * self.v

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.experiment import Experiment
+from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.scenario import to_tree
 
 PROGRAM = Path(__file__).parent / "benchmarks" / "gain_margins.py"

@@ -1,6 +1,7 @@
 """Checks of parameters: good values pass unchanged, bad ones name their field."""
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from saphari_drake.parameters import (
     require_choice,
     require_non_negative,
     require_positive,
+    require_vector,
     validate,
 )
 
@@ -114,3 +116,10 @@ def test_errors_are_of_one_family_and_of_pythons():
     assert issubclass(ParameterError, (SaphariError, ValueError))
     assert issubclass(UnknownNameError, KeyError)
     assert str(UnknownNameError("frame", "ee", ())) == "no frame 'ee'; there are: none"
+
+
+@pytest.mark.parametrize("value", [[1.0, 2.0], [1.0, 2.0, np.nan], 1.0, [[1.0, 2.0, 3.0]]])
+def test_a_vector_has_its_size_and_finite_numbers(value):
+    require_vector(SimpleNamespace(p=[1.0, 2.0, 3.0]), 3, "p")
+    with pytest.raises(ParameterError, match="p: needs 3 finite numbers"):
+        require_vector(SimpleNamespace(p=value), 3, "p")

@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.math.saturation import limit_torque
+from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -54,6 +55,13 @@ class _Output(NamedTuple):
     torque: Array
     excess: Array
     error: Array
+    status: SystemStatus
+
+
+@dataclass(frozen=True)
+class _Memory(Immutable):
+    gravity: Array  # at the last known state, within the limits
+    command: Array | None = None  # of the cycle before
 
 
 class JointVelocityServo(LeafSystem):
@@ -69,14 +77,17 @@ class JointVelocityServo(LeafSystem):
         - torque_commanded
         - torque_excess
         - velocity_error
+        - system_status
 
     Ports
     -----
     dynamics : abstract `DynamicsTerms`, of the measured state.
     velocity_commanded : n (rad/s or m/s).
-    torque_commanded : n (Nm or N), within the robot's limits.
+    torque_commanded : n (Nm or N), within the robot's limits, always finite.
     torque_excess : n, what the limits cut off.
-    velocity_error : n (rad/s or m/s), commanded minus measured.
+    velocity_error : n (rad/s or m/s), commanded minus measured; NaN while the state is not known.
+    system_status : 1, a `SystemStatus`. BAD_INPUT while the command is not finite: the joints are braked. BRAKES_ON
+        while the state is not known: the gravity torque of the last known one is left, at the start that at home.
 
     The law is `servo_torque`. State: the command of the cycle before, for the acceleration fed forward; none is in the
     first cycle, so that a command that does not start at zero is approached with the gain alone.
@@ -84,40 +95,44 @@ class JointVelocityServo(LeafSystem):
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
         super().__init__()
-        self._robot, self._params = robot, params or JointServoParameters()
-        terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
+        self._robot, self._params, zero = robot, params or JointServoParameters(), np.zeros(robot.n)
+        terms = evaluate_dynamics(robot, robot.home, zero)
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
-        self._before = self.DeclareDiscreteState(robot.n)
-        self._begun = self.DeclareDiscreteState(1)
-        start = _Output(terms.g, np.zeros(robot.n), np.zeros(robot.n))
-        tickets = {
-            self._dynamics.ticket(),
-            self._command.ticket(),
-            self.discrete_state_ticket(self._before),
-            self.discrete_state_ticket(self._begun),
-        }
+        weight, _ = limit_torque(terms.g, robot.tau_max)
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(weight)))
+        start = _Output(weight, zero, zero, SystemStatus.OK)
+        tickets = {self.all_input_ports_ticket(), self.abstract_state_ticket(self._memory)}
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
-        declare_readouts(
-            self,
-            self._output,
-            {
-                "torque_commanded": (robot.n, lambda o: o.torque),
-                "torque_excess": (robot.n, lambda o: o.excess),
-                "velocity_error": (robot.n, lambda o: o.error),
-            },
-        )
+        readouts = {
+            "torque_commanded": (robot.n, lambda o: o.torque),
+            "torque_excess": (robot.n, lambda o: o.excess),
+            "velocity_error": (robot.n, lambda o: o.error),
+            "system_status": (1, lambda o: [o.status]),
+        }
+        declare_readouts(self, self._output, readouts)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
+
+    def _remembered(self, context: Context) -> _Memory:
+        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+        return memory
 
     def _evaluate(self, context: Context) -> _Output:
         terms: DynamicsTerms = self._dynamics.Eval(context)
-        v_desired = np.array(self._command.Eval(context))
-        before = context.get_discrete_state(self._before).value()
-        begun = context.get_discrete_state(self._begun).value()[0]
-        a_desired = begun * self._params.feedforward * (v_desired - before) / self._params.period
+        memory, v_desired, zero = self._remembered(context), np.array(self._command.Eval(context)), 0.0 * terms.g
+        if not terms.finite:
+            return _Output(memory.gravity, np.zeros(self._robot.n), zero, SystemStatus.BRAKES_ON)
+        status, before = status_of(v_desired), memory.command
+        v_desired = v_desired if status == SystemStatus.OK else zero
+        before = v_desired if status != SystemStatus.OK or before is None else before
+        a_desired = self._params.feedforward * (v_desired - before) / self._params.period
         torque, excess = limit_torque(servo_torque(terms, v_desired, a_desired, self._params.gain), self._robot.tau_max)
-        return _Output(torque, excess, v_desired - terms.v)
+        return _Output(torque, excess, v_desired - terms.v, status)
 
     def _update(self, context: Context, state: State) -> None:
-        state.get_mutable_discrete_state(self._before).SetFromVector(self._command.Eval(context))
-        state.get_mutable_discrete_state(self._begun).SetFromVector([1.0])
+        terms, command = self._dynamics.Eval(context), np.array(self._command.Eval(context))
+        gravity = self._remembered(context).gravity
+        if terms.finite:
+            gravity, _ = limit_torque(terms.g, self._robot.tau_max)
+        memory = _Memory(gravity, command if status_of(command) == SystemStatus.OK else None)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

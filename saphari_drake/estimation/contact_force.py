@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import ContactPoint
+from saphari_drake.messages import ContactPoint, SystemStatus, status_of
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -75,23 +75,25 @@ class ContactForceEstimator(LeafSystem):
         name: ContactForceEstimator
         input_ports:
         - dynamics
-        - residual
+        - torque_external
         - contact_point
         output_ports:
         - contact_force
         - rank
         - unobservable_directions
         - misfit
+        - system_status
 
     Ports
     -----
     dynamics : abstract `DynamicsTerms`.
-    residual : n (Nm), from `MomentumObserver`.
+    torque_external : n (Nm), r ≈ J_cᵀF, from `MomentumObserver`.
     contact_point : abstract `ContactPoint`.
     contact_force : 3 (N, world), force of the person on the robot; zero without a contact point.
     rank : 1, number of force directions that are determined; 3 is a full estimate, 0 none.
     unobservable_directions : 9, a 3×3 matrix by columns: unit vectors (world) along which the force is not known.
     misfit : n (Nm), the part of the residual that no force at this point explains.
+    system_status : 1, a `SystemStatus`; while it is BAD_INPUT, force and misfit are NaN and the rank is 0.
     """
 
     def __init__(self, robot: RobotModel, params: ContactForceParameters | None = None) -> None:
@@ -100,10 +102,10 @@ class ContactForceEstimator(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         terms.point(0, np.zeros(3))
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
+        self._torque = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
         none = ContactForce(np.zeros(3), 0, np.eye(3), np.zeros(robot.n))
-        inputs = {self._dynamics.ticket(), self._residual.ticket(), self._point.ticket()}
+        inputs = {self._dynamics.ticket(), self._torque.ticket(), self._point.ticket()}
         estimate = declare_cache(self, "contact force", none, self._estimate, inputs)
         declare_readouts(
             self,
@@ -113,13 +115,17 @@ class ContactForceEstimator(LeafSystem):
                 "rank": (1, lambda e: [float(e.rank)]),
                 "unobservable_directions": (9, lambda e: e.unobservable.T.ravel()),
                 "misfit": (robot.n, lambda e: e.misfit),
+                "system_status": (1, lambda e: [status_of(e.misfit)]),
             },
         )
 
     def _estimate(self, context: Context) -> ContactForce:
-        point = self._point.Eval(context)
-        r = self._residual.Eval(context)
+        point: ContactPoint = self._point.Eval(context)
+        r, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
+        on_robot = 0 <= point.link < len(r) or not point.found
+        if not (terms.finite and on_robot and status_of(r, point.p_LC) == SystemStatus.OK):
+            return ContactForce(np.full(3, np.nan), 0, np.eye(3), np.full(len(r), np.nan))
         if not point.found:
-            return ContactForce(np.zeros(3), 0, np.eye(3), np.array(r))
-        J = self._dynamics.Eval(context).point(point.link, point.p_LC).Jv_WC
+            return ContactForce(np.zeros(3), 0, np.eye(3), r)
+        J = terms.point(point.link, point.p_LC).Jv_WC
         return estimate_contact_force(J, r, self._params.rcond, self._params.least_lever)

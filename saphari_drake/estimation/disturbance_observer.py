@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.messages import SystemStatus
 from saphari_drake.parameters import diagonal, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -62,15 +63,19 @@ class DisturbanceObserver(LeafSystem):
         input_ports:
         - observer_drive
         - yielding
+        - torque_excess
         output_ports:
-        - torque_estimated
+        - torque_external
+        - system_status
 
     Ports
     -----
-    observer_drive : n (rad/s or m/s), y from `NullSpaceComplianceController`; zero while its torque is cut or its task
-        yields, so that the estimate does not wind up.
+    observer_drive : n (rad/s or m/s), y from `NullSpaceComplianceController`; zero while its task yields or returns.
     yielding : 1, from the same controller, optional; τ̂ decays at `forget_rate` times this.
-    torque_estimated : n (Nm), τ̂; starts at zero.
+    torque_excess : n (Nm), what the torque limit cuts off, optional; while it cuts, nothing is integrated, so that the
+        estimate does not wind up.
+    torque_external : n (Nm), −τ̂, what others do to the robot; starts at zero.
+    system_status : 1, a `SystemStatus`; while it is BAD_INPUT, τ̂ is forgotten.
 
     Law: `advance_estimate`. Only J_M^{#T}τ̂, the part that moves the task, converges to that of τ_ext; τ̂ itself stays
     bounded. A mistake of model or friction that moves the task is absorbed too.
@@ -85,14 +90,37 @@ class DisturbanceObserver(LeafSystem):
         else:
             self.Gamma_inv = params.rate**2 * evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).M
         self._drive = self.DeclareVectorInputPort("observer_drive", BasicVector(robot.n))
-        self._yielding = self.DeclareVectorInputPort("yielding", BasicVector(1))
-        self._estimate = self.DeclareDiscreteState(robot.n)
+        self._optional = [
+            self.DeclareVectorInputPort(name, BasicVector(size))
+            for name, size in (("yielding", 1), ("torque_excess", robot.n))
+        ]
+        self._estimate = self.DeclareDiscreteState(robot.n)  # τ̂
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        self.DeclareStateOutputPort("torque_estimated", self._estimate)
+        state, ports = self.discrete_state_ticket(self._estimate), (self._drive, *self._optional)
+        estimate = declare_cache(self, "estimate", np.zeros(robot.n), self._external, {state})
+        declare_readouts(self, estimate, {"torque_external": (robot.n, lambda torque: torque)})
+        self.DeclareVectorOutputPort("system_status", BasicVector(1), self._status, {port.ticket() for port in ports})
+
+    def _external(self, context: Context) -> Array:
+        return -context.get_discrete_state(self._estimate).value()
+
+    def _inputs(self, context: Context) -> tuple[Array, float, bool]:
+        """Return y (n,), how far the task yields, and whether all inputs are finite; if not, as if it yielded."""
+        drive = self._drive.Eval(context)
+        yielding, excess = (
+            port.Eval(context) if port.HasValue(context) else np.zeros(port.size()) for port in self._optional
+        )
+        if not np.isfinite(np.concatenate((drive, yielding, excess))).all():
+            return np.zeros(len(drive)), 1.0, False
+        return np.zeros(len(drive)) if excess.any() else drive, float(yielding[0]), True
+
+    def _status(self, context: Context, output: BasicVector) -> None:
+        *_, finite = self._inputs(context)
+        output.SetAtIndex(0, float(SystemStatus.OK if finite else SystemStatus.BAD_INPUT))
 
     def _update(self, context: Context, state: State) -> None:
+        drive, yielding, _ = self._inputs(context)
         estimate = np.array(context.get_discrete_state(self._estimate).value())
-        estimate = advance_estimate(estimate, self._drive.Eval(context), self.Gamma_inv, self._period)
-        if self._yielding.HasValue(context):
-            estimate = estimate * np.exp(-self._period * self._forget * self._yielding.Eval(context)[0])
+        estimate = advance_estimate(estimate, drive, self.Gamma_inv, self._period)
+        estimate *= np.exp(-self._period * self._forget * yielding)
         state.get_mutable_discrete_state(self._estimate).SetFromVector(estimate)

@@ -1,16 +1,18 @@
 """Momentum observer: the external joint torque from position, velocity and commanded torque alone."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,11 @@ def advance_integral(integral: Array, r: Array, torque: Array, terms: DynamicsTe
     return integral + period * (torque + terms.CTv - terms.g + r)
 
 
+class _Estimate(NamedTuple):
+    r: Array
+    integral: Array  # σ
+
+
 class MomentumObserver(LeafSystem):
     """Residual of the generalized momentum, eq. (45).
 
@@ -64,18 +71,22 @@ class MomentumObserver(LeafSystem):
         name: MomentumObserver
         input_ports:
         - dynamics
-        - torque_commanded
+        - torque_applied
         output_ports:
-        - residual
+        - torque_external
+        - system_status
 
     Ports
     -----
     dynamics : abstract `DynamicsTerms` of a state sampled with this observer's period, from `RobotDynamics`.
-    torque_commanded : n (Nm), the torque that acts, after all limits.
-    residual : n (Nm), r ≈ −τ_ext; zero until one period has passed.
+    torque_applied : n (Nm), the torque that acts, after all limits.
+    torque_external : n (Nm), r ≈ JᵀF = −τ_ext, what others do to the robot; zero until one period has passed, NaN while
+        the state is not known.
+    system_status : 1, a `SystemStatus`.
 
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
     no delay: r at a sample uses the momentum of that sample. A mistake of model or friction appears as external torque.
+    After a state or torque that was not finite it starts anew, as at the beginning.
     """
 
     def __init__(self, robot: RobotModel, params: MomentumObserverParameters | None = None) -> None:
@@ -85,35 +96,27 @@ class MomentumObserver(LeafSystem):
         self._gain = discrete_gain(diagonal(params.gain, robot.n, "gain"), params.period)
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._torque = self.DeclareVectorInputPort("torque_commanded", BasicVector(robot.n))
+        self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
         self._integral = self.DeclareDiscreteState(robot.n)
         self._started = self.DeclareDiscreteState(1)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        self.DeclareVectorOutputPort(
-            "residual",
-            BasicVector(robot.n),
-            self._calc,
-            prerequisites_of_calc={
-                self._dynamics.ticket(),
-                self.discrete_state_ticket(self._integral),
-                self.discrete_state_ticket(self._started),
-            },
-        )
+        start = _Estimate(np.zeros(robot.n), terms.p)
+        tickets = {self._dynamics.ticket(), self.xd_ticket()}
+        self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
+        readouts = {"torque_external": (robot.n, lambda e: e.r), "system_status": (1, lambda e: [status_of(e.r)])}
+        declare_readouts(self, self._estimate, readouts)
 
-    def _integral_now(self, context: Context) -> Array:
-        """σ, or p before the first update: the residual starts at zero whatever the initial momentum is."""
-        if context.get_discrete_state(self._started).value()[0]:
-            return np.array(context.get_discrete_state(self._integral).value())
-        return np.array(self._dynamics.Eval(context).p)
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(residual(self._dynamics.Eval(context).p, self._integral_now(context), self._gain))
+    def _evaluate(self, context: Context) -> _Estimate:
+        terms: DynamicsTerms = self._dynamics.Eval(context)
+        # Before the first update σ = p: the residual starts at zero whatever the initial momentum is.
+        started = context.get_discrete_state(self._started).value()[0] == 1.0
+        integral = np.array(context.get_discrete_state(self._integral).value()) if started else terms.p
+        return _Estimate(residual(terms.p, integral, self._gain), integral)
 
     def _update(self, context: Context, state: State) -> None:
-        integral = self._integral_now(context)
-        terms = self._dynamics.Eval(context)
-        r = residual(terms.p, integral, self._gain)
-        torque = self._torque.Eval(context)
-        integral = advance_integral(integral, r, torque, terms, self._period)
-        state.get_mutable_discrete_state(self._integral).SetFromVector(integral)
-        state.get_mutable_discrete_state(self._started).SetFromVector([1.0])
+        now: _Estimate = self._estimate.Eval(context)
+        torque, terms = self._torque.Eval(context), self._dynamics.Eval(context)
+        integral = advance_integral(now.integral, now.r, torque, terms, self._period)
+        known = bool(np.isfinite(integral).all())
+        state.get_mutable_discrete_state(self._integral).SetFromVector(integral if known else np.zeros(len(integral)))
+        state.get_mutable_discrete_state(self._started).SetFromVector([float(known)])

@@ -12,16 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.cone_boundary import best_angle, boundary, curvature
 from saphari_drake.math.products import apply, product, symmetric_eigen
 
 Array = NDArray[np.float64]
 
-_ANGLES = 1152
 _STRIDES = (96, 8, 1)  # the search starts with 12 angles, and takes more where those miss a narrow valley
-_STEP = 2.0 * np.pi / _ANGLES  # rad
-_ANGLE = _STEP * (np.arange(_ANGLES) - _ANGLES // 2)
-_COS, _SIN = np.cos(_ANGLE), np.sin(_ANGLE)
+_ROUNDS = 80  # of `expected_forces_in_cones`
 _RIDGE = 1e-6  # share of the largest eigenvalue of J Jᵀ; makes the solution unique
+
+
+@njit(cache=True)
+def _complete(a, t, u):
+    """Make t a unit vector, and fill u so that a, t, u are a right-handed frame."""
+    norm = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+    for i in range(3):
+        t[i] /= norm
+    u[0] = a[1] * t[2] - a[2] * t[1]
+    u[1] = a[2] * t[0] - a[0] * t[2]
+    u[2] = a[0] * t[1] - a[1] * t[0]
 
 
 @njit(cache=True)
@@ -34,12 +43,7 @@ def tangents(a, t, u):
     for i in range(3):
         t[i] = -a[k] * a[i]
     t[k] += 1.0
-    norm = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
-    for i in range(3):
-        t[i] /= norm
-    u[0] = a[1] * t[2] - a[2] * t[1]
-    u[1] = a[2] * t[0] - a[0] * t[2]
-    u[2] = a[0] * t[1] - a[1] * t[0]
+    _complete(a, t, u)
 
 
 @njit(cache=True)
@@ -48,15 +52,10 @@ def _towards(b, a, t, u):
     along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     for i in range(3):
         t[i] = b[i] - along * a[i]
-    norm = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
-    if norm <= 1e-9 * abs(along):
+    if np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) <= 1e-9 * abs(along):
         tangents(a, t, u)
-        return
-    for i in range(3):
-        t[i] /= norm
-    u[0] = a[1] * t[2] - a[2] * t[1]
-    u[1] = a[2] * t[0] - a[0] * t[2]
-    u[2] = a[0] * t[1] - a[1] * t[0]
+    else:
+        _complete(a, t, u)
 
 
 @njit(cache=True)
@@ -73,50 +72,6 @@ def solve3(H, b, x):
     x[1] = (c01 * b[0] + c11 * b[1] + c12 * b[2]) / det
     x[2] = (c02 * b[0] + c12 * b[1] + c22 * b[2]) / det
     return det
-
-
-@njit(cache=True)
-def _slope(theta, b0, b1, h00, h01, h02, h11, h12, h22):
-    """Derivative of (dᵀb)² / (dᵀHd) by the angle, up to a positive factor, where dᵀb > 0."""
-    c, s = np.cos(theta), np.sin(theta)
-    g, dg = b0 + b1 * c, -b1 * s
-    h = h00 + 2.0 * (h01 * c + h02 * s) + h11 * c * c + 2.0 * h12 * c * s + h22 * s * s
-    dh = 2.0 * (h02 * c - h01 * s) + 2.0 * (h22 - h11) * c * s + 2.0 * h12 * (c * c - s * s)
-    return 2.0 * dg * h - g * dh
-
-
-@njit(cache=True)
-def _best_angle(stride, width, b0, b1, h00, h01, h02, h11, h12, h22):
-    """Return the angle within `width` of zero that maximizes (dᵀb)² / (dᵀHd), from every `stride`-th of the table."""
-    best, angle = 0.0, 0.0
-    for k in range(0, _ANGLES, stride):
-        c, s = _COS[k], _SIN[k]
-        g = b0 + b1 * c
-        if g > 0.0:
-            h = h00 + 2.0 * (h01 * c + h02 * s) + h11 * c * c + 2.0 * h12 * c * s + h22 * s * s
-            if g * g > best * h:
-                best, angle = g * g / h, _ANGLE[k]
-    low, high = angle - stride * _STEP, angle + stride * _STEP
-    if width < np.pi:
-        low, high = max(low, -width), min(high, width)
-    f_low = _slope(low, b0, b1, h00, h01, h02, h11, h12, h22)
-    f_high = _slope(high, b0, b1, h00, h01, h02, h11, h12, h22)
-    side = 0
-    for _ in range(40 if f_low > 0.0 > f_high else 0):  # regula falsi, Illinois
-        last = angle
-        angle = (low * f_high - high * f_low) / (f_high - f_low)
-        f = _slope(angle, b0, b1, h00, h01, h02, h11, h12, h22)
-        if abs(angle - last) < 1e-10:
-            break
-        if f > 0.0:
-            low, f_low = angle, f
-            f_high = 0.5 * f_high if side == 1 else f_high
-            side = 1
-        else:
-            high, f_high = angle, f
-            f_low = 0.5 * f_low if side == -1 else f_low
-            side = -1
-    return angle
 
 
 @njit(cache=True)
@@ -141,31 +96,17 @@ def cone_minimum(H, b, a, mu, F):
         return -(F[0] * b[0] + F[1] * b[1] + F[2] * b[2])
     t, u = np.empty(3), np.empty(3)
     _towards(b, a, t, u)
-    Ha, Ht = np.empty(3), np.empty(3)
-    b0 = b1 = h00 = h01 = h02 = h11 = h12 = h22 = 0.0
-    for i in range(3):
-        b0 += a[i] * b[i]
-        b1 += t[i] * b[i]
-        Ha[i] = H[i, 0] * a[0] + H[i, 1] * a[1] + H[i, 2] * a[2]
-        Ht[i] = H[i, 0] * t[0] + H[i, 1] * t[1] + H[i, 2] * t[2]
-    for i in range(3):
-        h00 += a[i] * Ha[i]
-        h01 += t[i] * Ha[i]
-        h02 += u[i] * Ha[i]
-        h11 += t[i] * Ht[i]
-        h12 += u[i] * Ht[i]
-        h22 += u[i] * (H[i, 0] * u[0] + H[i, 1] * u[1] + H[i, 2] * u[2])
+    B = boundary(H, b, a, t, u, mu)
     F[0] = F[1] = F[2] = 0.0
-    b1, h01, h02, h11, h12, h22 = mu * b1, mu * h01, mu * h02, mu * mu * h11, mu * mu * h12, mu * mu * h22
-    if b0 + b1 <= 0.0:
+    if B.b0 + B.b1 <= 0.0:
         return 0.0
     # dᵀb = b0 + b1 cos θ is positive within `width` of θ = 0.
-    width = np.arccos(max(-b0 / b1, -1.0)) if b1 > 0.0 else np.pi
+    width = np.arccos(max(-B.b0 / B.b1, -1.0)) if B.b1 > 0.0 else np.pi
     for stride in _STRIDES:
-        angle = _best_angle(stride, width, b0, b1, h00, h01, h02, h11, h12, h22)
+        angle = best_angle(B, stride, width)
         c, s = np.cos(angle), np.sin(angle)
-        g = b0 + b1 * c
-        f = g / (h00 + 2.0 * (h01 * c + h02 * s) + h11 * c * c + 2.0 * h12 * c * s + h22 * s * s)
+        g = B.b0 + B.b1 * c
+        f = g / curvature(B, c, s)
         for i in range(3):
             F[i] = f * (a[i] + mu * (c * t[i] + s * u[i]))
         # At the minimum the slope HF − b is normal to the cone and points into it; at other stationary points, out.
@@ -182,19 +123,14 @@ def cone_minimum(H, b, a, mu, F):
 
 @njit(cache=True)
 def _truncated(J, rcond):
-    """Return J Jᵀ without the directions whose singular value is below `rcond` of the largest, plus a tiny ridge."""
+    """Return J Jᵀ without the directions whose singular value is below `rcond` of the largest, plus a tiny ridge.
+
+    Also the projector on those that are kept.
+    """
     values, U = symmetric_eigen(product(J, J.T))
-    H = np.zeros((3, 3))
-    kept = np.zeros((3, 3))
-    for k in range(3):
-        if values[k] > rcond * rcond * values[2] and values[k] > 1e-18:
-            for i in range(3):
-                for j in range(3):
-                    H[i, j] += values[k] * U[i, k] * U[j, k]
-                    kept[i, j] += U[i, k] * U[j, k]
-    for i in range(3):
-        H[i, i] += max(_RIDGE * values[2], 1e-18)
-    return H, kept
+    keep = np.where(values > max(rcond * rcond * values[2], 1e-18), 1.0, 0.0)
+    H = product(U * (keep * values), U.T) + max(_RIDGE * values[2], 1e-18) * np.eye(3)
+    return H, product(U * keep, U.T)
 
 
 @njit(cache=True)
@@ -225,12 +161,12 @@ def force_in_cone(J, r, inward, mu, rcond):
 
 
 @njit(cache=True)
-def expected_forces_in_cones(J, r, inward, mean, sigma, along, across, mu, rounds=80):
+def expected_forces_in_cones(J, r, inward, mean, sigma, along, across, mu):
     """Return the forces (k, 3) of k contacts that explain the residual together, each in its cone, and the misfit.
 
-    They minimize ‖r − Σ JᵀF‖² / σ² + Σ ‖F − F_mean‖², the latter in deviations `along` and `across` the normals: what
-    the residual does not show of a force stays as expected. The convex problem is solved by turns, one force with the
-    others held, until they change by less than 1 mN.
+    They minimize ‖r − Σ JᵀF‖² / σ² + Σ ‖F − F_mean‖², the latter in deviations along and across the normals: what the
+    residual does not show of a force stays as expected. The convex problem is solved by turns, one force with the
+    others held, until they change by less than 1 mN, or for 80 rounds.
 
     Parameters
     ----------
@@ -252,43 +188,22 @@ def expected_forces_in_cones(J, r, inward, mean, sigma, along, across, mu, round
     misfit : float
         ‖r − Σ JᵀF‖² / σ².
     """
-    count, n = J.shape[0], r.shape[0]
-    H, held = np.empty((count, 3, 3)), np.empty((count, 3))
-    F, rest, b = mean.copy(), r.copy(), np.empty(3)
+    count = J.shape[0]
+    H, held, F, rest = np.empty((count, 3, 3)), np.empty((count, 3)), mean.copy(), r.copy()
+    beside = (sigma / across) ** 2
+    more = (sigma / along) ** 2 - beside
     for k in range(count):
-        H[k] = product(J[k], J[k].T)
-        for i in range(3):
-            for j in range(3):
-                normal = inward[k, i] * inward[k, j]
-                unit = 1.0 if i == j else 0.0
-                H[k, i, j] += sigma**2 * (normal / along**2 + (unit - normal) / across**2)
-        for i in range(3):
-            held[k, i] = 0.0
-            for j in range(3):
-                normal = inward[k, i] * inward[k, j]
-                unit = 1.0 if i == j else 0.0
-                held[k, i] += sigma**2 * (normal / along**2 + (unit - normal) / across**2) * mean[k, j]
-        for j in range(n):
-            rest[j] -= J[k, 0, j] * F[k, 0] + J[k, 1, j] * F[k, 1] + J[k, 2, j] * F[k, 2]
-    last = np.empty(3)
-    for _ in range(rounds):
+        expected = beside * np.eye(3) + more * np.outer(inward[k], inward[k])
+        H[k], held[k] = product(J[k], J[k].T) + expected, apply(expected, mean[k])
+        rest -= apply(J[k].T, F[k])
+    for _ in range(_ROUNDS):
         change = 0.0
         for k in range(count):
-            last[:] = F[k]
-            for i in range(3):
-                b[i] = held[k, i]
-                for j in range(n):
-                    torque = J[k, 0, j] * last[0] + J[k, 1, j] * last[1] + J[k, 2, j] * last[2]
-                    b[i] += J[k, i, j] * (rest[j] + torque)
-            cone_minimum(H[k], b, inward[k], mu, F[k])
-            for j in range(n):
-                for i in range(3):
-                    rest[j] -= J[k, i, j] * (F[k, i] - last[i])
-            for i in range(3):
-                change = max(change, abs(F[k, i] - last[i]))
+            last = F[k].copy()
+            rest += apply(J[k].T, last)
+            cone_minimum(H[k], held[k] + apply(J[k], rest), inward[k], mu, F[k])
+            rest -= apply(J[k].T, F[k])
+            change = max(change, np.abs(F[k] - last).max())
         if change < 1e-3:
             break
-    misfit = 0.0
-    for j in range(n):
-        misfit += rest[j] * rest[j]
-    return F, misfit / sigma**2
+    return F, np.sum(rest * rest) / sigma**2

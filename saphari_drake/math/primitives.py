@@ -7,6 +7,8 @@ A primitive has a kind, three sizes and a pose: a capsule and a cylinder lie alo
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,44 +19,69 @@ CYLINDER = 1
 BOX = 2
 
 
+class Primitives(NamedTuple):
+    """Primitives of a robot's links, posed in one frame, for compiled passes."""
+
+    kind: NDArray[np.int64]  # (s,) CAPSULE, CYLINDER or BOX
+    size: NDArray[np.float64]  # (s, 3) m
+    link: NDArray[np.int64]  # (s,) that carries each (−1: fixed in the world)
+    R: NDArray[np.float64]  # (s, 3, 3)
+    p: NDArray[np.float64]  # (s, 3) m
+
+
 @njit(cache=True)
 def surface_point_local(kind, size, p, surface, normal):
     """Fill `surface` and `normal` with the projection of p and its outward normal, all in S; return the distance."""
     if kind == CAPSULE:
-        radius, half = size[0], size[1]
-        axial = min(max(p[2], -half), half)
-        dz = p[2] - axial
-        rho = np.sqrt(p[0] * p[0] + p[1] * p[1] + dz * dz)
-        if rho > 1e-12:
-            normal[0], normal[1], normal[2] = p[0] / rho, p[1] / rho, dz / rho
-        else:
-            normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
-        for i in range(3):
-            surface[i] = radius * normal[i]
-        surface[2] += axial
-        return rho - radius
+        return _on_capsule(size, p, surface, normal)
     if kind == CYLINDER:
-        radius, half = size[0], size[1]
-        rho = np.hypot(p[0], p[1])
-        cx, cy = 1.0, 0.0
-        if rho > 1e-12:
-            cx, cy = p[0] / rho, p[1] / rho
-        side = -1.0 if p[2] < 0.0 else 1.0
-        a, b = rho - radius, abs(p[2]) - half
-        if a <= 0.0 and b <= 0.0:
-            if a > b:
-                surface[0], surface[1], surface[2] = radius * cx, radius * cy, p[2]
-                normal[0], normal[1], normal[2] = cx, cy, 0.0
-                return a
-            surface[0], surface[1], surface[2] = p[0], p[1], side * half
-            normal[0], normal[1], normal[2] = 0.0, 0.0, side
-            return b
-        a, b = max(a, 0.0), max(b, 0.0)
-        distance = np.hypot(a, b)
-        normal[0], normal[1], normal[2] = a / distance * cx, a / distance * cy, side * b / distance
-        for i in range(3):
-            surface[i] = p[i] - distance * normal[i]
-        return distance
+        return _on_cylinder(size, p, surface, normal)
+    return _on_box(size, p, surface, normal)
+
+
+@njit(cache=True)
+def _on_capsule(size, p, surface, normal):
+    radius, half = size[0], size[1]
+    axial = min(max(p[2], -half), half)
+    dz = p[2] - axial
+    rho = np.sqrt(p[0] * p[0] + p[1] * p[1] + dz * dz)
+    if rho > 1e-12:
+        normal[0], normal[1], normal[2] = p[0] / rho, p[1] / rho, dz / rho
+    else:
+        normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
+    for i in range(3):
+        surface[i] = radius * normal[i]
+    surface[2] += axial
+    return rho - radius
+
+
+@njit(cache=True)
+def _on_cylinder(size, p, surface, normal):
+    radius, half = size[0], size[1]
+    rho = np.hypot(p[0], p[1])
+    cx, cy = 1.0, 0.0
+    if rho > 1e-12:
+        cx, cy = p[0] / rho, p[1] / rho
+    side = -1.0 if p[2] < 0.0 else 1.0
+    a, b = rho - radius, abs(p[2]) - half
+    if a <= 0.0 and b <= 0.0:
+        if a > b:
+            surface[0], surface[1], surface[2] = radius * cx, radius * cy, p[2]
+            normal[0], normal[1], normal[2] = cx, cy, 0.0
+            return a
+        surface[0], surface[1], surface[2] = p[0], p[1], side * half
+        normal[0], normal[1], normal[2] = 0.0, 0.0, side
+        return b
+    a, b = max(a, 0.0), max(b, 0.0)
+    distance = np.hypot(a, b)
+    normal[0], normal[1], normal[2] = a / distance * cx, a / distance * cy, side * b / distance
+    for i in range(3):
+        surface[i] = p[i] - distance * normal[i]
+    return distance
+
+
+@njit(cache=True)
+def _on_box(size, p, surface, normal):
     distance = 0.0
     face, depth = 0, -np.inf
     for i in range(3):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.products import apply
 
 
 @njit(cache=True)
@@ -22,8 +23,51 @@ def skew(w: NDArray[np.float64]) -> NDArray[np.float64]:
 def axis_rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """Return the rotation by `angle` (rad) about the unit vector `axis` (Rodrigues)."""
     s, c = np.sin(angle), np.cos(angle)
-    K = skew(axis)
-    return c * np.eye(3) + s * K + (1.0 - c) * np.outer(axis, axis)
+    R = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = (1.0 - c) * axis[i] * axis[j]
+        R[i, i] += c
+    R[0, 1] -= s * axis[2]
+    R[0, 2] += s * axis[1]
+    R[1, 0] += s * axis[2]
+    R[1, 2] -= s * axis[0]
+    R[2, 0] -= s * axis[1]
+    R[2, 1] += s * axis[0]
+    return R
+
+
+@njit(cache=True)
+def rotation_exp(e: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) of a rotation vector."""
+    angle = np.sqrt(np.sum(e * e))
+    return axis_rotation(e / angle, angle) if angle > 0.0 else np.eye(3)
+
+
+@njit(cache=True)
+def rotation_log(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation vector (3,) of a rotation matrix, of length up to π."""
+    axial = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine, cosine = np.sqrt(np.sum(axial * axial)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    if sine > 1e-6:
+        return axial * (angle / sine)
+    if cosine > 0.0:
+        return axial
+    B = 0.5 * (R + R.T) + np.eye(3)  # 2 u uᵀ at half a turn
+    column = B[:, np.argmax(np.diag(B))]
+    return column * (angle / np.sqrt(np.sum(column * column)))
+
+
+@njit(cache=True)
+def rotation_rate(
+    e: NDArray[np.float64], w_desired: NDArray[np.float64], w: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return d/dt log(R_d Rᵀ)^∨ = J_l(e)⁻¹ ω_d − J_r(e)⁻¹ ω (3,)."""
+    angle = np.sqrt(np.sum(e * e))
+    c = 1.0 / 12.0 if angle < 1e-3 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
+    E, wrong = skew(e), w_desired - w
+    return wrong - 0.5 * apply(E, w_desired + w) + c * apply(E, apply(E, wrong))
 
 
 def rotation_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

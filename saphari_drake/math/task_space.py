@@ -1,7 +1,7 @@
 """A task of a redundant arm and what is left beside it, compiled: inertia, inverse, Coriolis force, projection.
 
 q̇ = J_M^# ẋ + Z ν (36) with J Z = 0 and the inertia-weighted J_M^# = M⁻¹JᵀΛ_x. Corrected: J_M^# where (36) prints the
-Moore–Penrose inverse, which would not decouple the two. Bases Z of the null space: `saphari_drake.math.null_space`.
+Moore–Penrose inverse, which would not decouple the two.
 """
 
 from __future__ import annotations
@@ -17,6 +17,14 @@ from saphari_drake.math.products import apply, cholesky, product, solve_lower, s
 Array = NDArray[np.float64]
 
 
+class ConsistentInverse(NamedTuple):
+    """Inertia-weighted pseudo-inverse of a Jacobian and what comes with it."""
+
+    Lambda: Array  # (m, m) operational-space inertia Λ_x = (J M⁻¹ Jᵀ)⁻¹, its eigenvalues clipped
+    J_inv: Array  # (n, m) J_M^# = M⁻¹ Jᵀ Λ_x
+    P: Array  # (n, n) null-space projector I − J_M^# J
+
+
 class TaskSpace(NamedTuple):
     """A task and what is left beside it, at one state."""
 
@@ -30,8 +38,41 @@ class TaskSpace(NamedTuple):
 
 
 @njit(cache=True)
+def consistent_inverse(J: Array, M: Array, max_mass: Array | float) -> ConsistentInverse:
+    """Return the dynamically consistent inverse (8) of a Jacobian, bounded at singularities.
+
+    The eigenvalues of Λ, in units of `max_mass`, are clipped at 1. Along a direction u that J cannot move, Jᵀu = 0, so
+    the clipped value never becomes a torque; near it the direction goes over to the null space continuously, instead of
+    asking for infinite torque. Elsewhere the result is exact.
+
+    Parameters
+    ----------
+    J : (m, n) array
+        Task Jacobian.
+    M : (n, n) array
+        Inertia matrix.
+    max_mass : (m,) array or float
+        Largest effective inertia of each task direction, or of all (kg, kg m²).
+    """
+    m, n = J.shape
+    scale = np.sqrt(max_mass * np.ones(m))
+    units = np.outer(scale, scale)
+    L, M_inv_JT, column = np.empty((n, n)), np.empty((n, m)), np.empty(n)
+    cholesky(M, L)
+    for k in range(m):
+        column[:] = J[k]
+        solve_lower(L, column, n)
+        solve_upper(L, column, n)
+        M_inv_JT[:, k] = column
+    share, U = symmetric_eigen(units * product(J, M_inv_JT))
+    Lambda = units * product(U / np.maximum(share, 1.0), U.T)
+    J_inv = product(M_inv_JT, Lambda)
+    return ConsistentInverse(Lambda, J_inv, np.eye(n) - product(J_inv, J))
+
+
+@njit(cache=True)
 def task_space(J: Array, Jdot: Array, M: Array, C: Array, v: Array, max_mass: Array) -> TaskSpace:
-    """Return the task space of a Jacobian, bounded at singularities.
+    """Return the task space of a Jacobian, bounded at singularities as `consistent_inverse` is.
 
     Parameters
     ----------
@@ -42,31 +83,9 @@ def task_space(J: Array, Jdot: Array, M: Array, C: Array, v: Array, max_mass: Ar
     v : (n,) array
         Joint velocity.
     max_mass : (m,) array
-        Largest effective inertia of each task direction (kg, kg m²). A direction that J is about to lose goes over to
-        the null space continuously, instead of asking for infinite torque. Elsewhere the result is exact.
+        Largest effective inertia of each task direction (kg, kg m²).
     """
-    m, n = J.shape
-    L, column, M_inv_JT = np.empty((n, n)), np.empty(n), np.empty((n, m))
-    cholesky(M, L)
-    for k in range(m):
-        column[:] = J[k]
-        solve_lower(L, column, n)
-        solve_upper(L, column, n)
-        M_inv_JT[:, k] = column
-    mobility = product(J, M_inv_JT)
-    for i in range(m):
-        for k in range(i + 1):
-            mobility[i, k] *= np.sqrt(max_mass[i] * max_mass[k])
-            mobility[k, i] = mobility[i, k]
-    share, U = symmetric_eigen(mobility)
-    Lambda = np.zeros((m, m))
-    for i in range(m):
-        for k in range(i + 1):
-            for a in range(m):
-                Lambda[i, k] += U[i, a] * U[k, a] / max(share[a], 1.0)
-            Lambda[i, k] *= np.sqrt(max_mass[i] * max_mass[k])
-            Lambda[k, i] = Lambda[i, k]
-    J_inv = product(M_inv_JT, Lambda)
+    Lambda, J_inv, _ = consistent_inverse(J, M, max_mass)
     v_task = apply(J_inv, apply(J, v))
     return TaskSpace(J, Jdot, C, Lambda, J_inv, v_task, v - v_task)
 
@@ -113,13 +132,9 @@ def sampled_damping(damping: Array, inertia: Array, period: float, v: Array) -> 
     v : (k,) array
         Velocity.
     """
-    k = len(v)
-    A, L = inertia / period, np.empty((k, k))
-    for i in range(k):
-        A[i, i] += damping[i]
-    force = damping * v
+    k, L, force = len(v), np.empty((len(v), len(v))), damping * v
     cut = force.copy()
-    cholesky(A, L)
+    cholesky(inertia / period + np.diag(damping), L)
     solve_lower(L, cut, k)
     solve_upper(L, cut, k)
     return force - damping * cut

@@ -15,14 +15,48 @@ ICRA 2009, who need it for the residual).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.rotations import axis_rotation
+
+Array = NDArray[np.float64]
 
 # Products are written out: numba's own call BLAS through SciPy, and are slower at this size.
 
 REVOLUTE = 0
 PRISMATIC = 1
+
+
+class Tree(NamedTuple):
+    """Constants of a tree of n joints; link j is the one that joint j moves, and parents come first."""
+
+    parent: NDArray[np.int64]  # (n,) link that carries joint j (−1: the world)
+    kind: NDArray[np.int64]  # (n,) REVOLUTE or PRISMATIC
+    axis: Array  # (n, 3) joint axis in the joint's frame F on the parent
+    R_PF: Array  # (n, 3, 3) and (n, 3), fixed poses: F in the parent link, …
+    p_PF: Array
+    R_ML: Array  # … and link L in the joint's moving frame M
+    p_ML: Array
+    mass: Array  # (n,) of each link, kg
+    com: Array  # (n, 3) in the link frame, m
+    inertia: Array  # (n, 3, 3) about the centre of mass, in the link frame, kg m²
+    armature: Array  # (n,) reflected rotor inertia, added to M's diagonal
+    gravity: Array  # (3,) in the world, m/s²
+
+
+class TreeMotion(NamedTuple):
+    """Poses and motion of all links at one state, in the world; spatial quantities at the world origin."""
+
+    R_WL: Array  # (n, 3, 3) and (n, 3), poses of the links
+    p_WL: Array
+    S: Array  # (n, 6) joint axes
+    V: Array  # (n, 6) velocities of the links
+    A: Array  # (n, 6) their accelerations for q̈ = 0
+    parent: NDArray[np.int64]  # (n,) as in `Tree`
 
 
 @njit(cache=True)
@@ -79,8 +113,7 @@ def _force_cross(V, F, out):
 def _inertia_times(m, mc, I_O, V, out):
     """Momentum of a body with mass m, first moment mc and inertia I_O about the world origin."""
     a = np.empty(3)
-    for i in range(3):
-        out[i] = I_O[i, 0] * V[0] + I_O[i, 1] * V[1] + I_O[i, 2] * V[2]
+    _apply(I_O, V[:3], out[:3])
     _cross(mc, V[3:], a)
     out[:3] += a
     _cross(V[:3], mc, out[3:])
@@ -89,137 +122,79 @@ def _inertia_times(m, mc, I_O, V, out):
 
 
 @njit(cache=True)
-def tree_kinematics(parent, kind, axis, R_PF, p_PF, R_ML, p_ML, q, v):
-    """Return poses, joint axes, velocities and velocity-product accelerations of all links.
+def world_inertia(tree, motion, j, mc, I_O):
+    """Fill first moment mc (3,) and inertia I_O (3, 3) of link j, both about the world origin."""
+    R, c, RI = motion.R_WL[j], np.empty(3), np.empty((3, 3))
+    _apply(R, tree.com[j], c)
+    c += motion.p_WL[j]
+    _times(R, tree.inertia[j], RI)
+    _times(RI, R.T, I_O)
+    m, cc = tree.mass[j], _dot(c, c)
+    for a in range(3):
+        mc[a] = m * c[a]
+        for b in range(3):
+            I_O[a, b] -= m * c[a] * c[b]
+        I_O[a, a] += m * cc
 
-    Parameters
-    ----------
-    parent : (n,) int array
-        Link that carries joint j (−1 for the world); link j is the one that joint j moves, parents first.
-    kind : (n,) int array
-        REVOLUTE or PRISMATIC.
-    axis : (n, 3) array
-        Joint axis in the joint's frame F on the parent.
-    R_PF, p_PF, R_ML, p_ML : arrays
-        Fixed poses: F in the parent link, and link L in the joint's moving frame M.
-    q, v : (n,) array
-        Joint positions and velocities (rad or m, rad/s or m/s).
 
-    Returns
-    -------
-    R_WL (n,3,3), p_WL (n,3), S (n,6), V (n,6), A (n,6)
-        Link poses; joint axes, link velocities and link accelerations for q̈ = 0 (spatial, at the world origin).
-    """
+@njit(cache=True)
+def tree_kinematics(tree, q, v):
+    """Return the `TreeMotion` of a `Tree` at joint positions q and velocities v (n,) (rad or m, rad/s or m/s)."""
     n = q.shape[0]
-    R_WL = np.empty((n, 3, 3))
-    p_WL = np.empty((n, 3))
-    S = np.zeros((n, 6))
-    V = np.zeros((n, 6))
-    A = np.zeros((n, 6))
-    VxS = np.empty(6)
-    R_FM, R_WF, R_WM = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    p_WF, moved, a = np.empty(3), np.empty(3), np.empty(3)
+    R_WL, p_WL = np.empty((n, 3, 3)), np.empty((n, 3))
+    S, V, A = np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6))
+    R_WF, R_WM = np.empty((3, 3)), np.empty((3, 3))
+    p_WF, a, VxS = np.empty(3), np.empty(3), np.empty(6)
     for j in range(n):
-        k = parent[j]
+        k = tree.parent[j]
         if k < 0:
-            R_WF[:] = R_PF[j]
-            p_WF[:] = p_PF[j]
+            R_WF[:] = tree.R_PF[j]
+            p_WF[:] = tree.p_PF[j]
         else:
-            _times(R_WL[k], R_PF[j], R_WF)
-            _apply(R_WL[k], p_PF[j], p_WF)
+            _times(R_WL[k], tree.R_PF[j], R_WF)
+            _apply(R_WL[k], tree.p_PF[j], p_WF)
             p_WF += p_WL[k]
-        u = axis[j]
-        _apply(R_WF, u, a)
-        if kind[j] == REVOLUTE:
-            s, c = np.sin(q[j]), np.cos(q[j])
-            for i in range(3):
-                for l in range(3):
-                    R_FM[i, l] = (1.0 - c) * u[i] * u[l]
-                R_FM[i, i] += c
-            R_FM[0, 1] -= s * u[2]
-            R_FM[0, 2] += s * u[1]
-            R_FM[1, 0] += s * u[2]
-            R_FM[1, 2] -= s * u[0]
-            R_FM[2, 0] -= s * u[1]
-            R_FM[2, 1] += s * u[0]
-            _times(R_WF, R_FM, R_WM)
+            V[j] = V[k]
+            A[j] = A[k]
+        _apply(R_WF, tree.axis[j], a)
+        if tree.kind[j] == REVOLUTE:
+            _times(R_WF, axis_rotation(tree.axis[j], q[j]), R_WM)
             S[j, :3] = a
             _cross(p_WF, a, S[j, 3:])
         else:
             R_WM[:] = R_WF
             p_WF += q[j] * a
             S[j, 3:] = a
-        _times(R_WM, R_ML[j], R_WL[j])
-        _apply(R_WM, p_ML[j], moved)
-        p_WL[j] = p_WF + moved
-        if k >= 0:
-            V[j] = V[k]
-            A[j] = A[k]
+        _times(R_WM, tree.R_ML[j], R_WL[j])
+        _apply(R_WM, tree.p_ML[j], p_WL[j])
+        p_WL[j] += p_WF
         _motion_cross(V[j], S[j], VxS)
         for i in range(6):
             A[j, i] += VxS[i] * v[j]
             V[j, i] += S[j, i] * v[j]
-    return R_WL, p_WL, S, V, A
+    return TreeMotion(R_WL, p_WL, S, V, A, tree.parent)
 
 
 @njit(cache=True)
-def tree_dynamics(parent, mass, com, inertia, armature, gravity, R_WL, p_WL, S, V, A, v):
-    """Return M, Cq̇, Cᵀq̇, g and p of a tree whose kinematics are known.
-
-    Parameters
-    ----------
-    mass (n,), com (n,3), inertia (n,3,3) : arrays
-        Of each link (kg, m, kg m²), in the link frame, inertia about the centre of mass.
-    armature : (n,) array
-        Reflected rotor inertia added to M's diagonal.
-    gravity : (3,) array
-        Gravity vector in the world (m/s²).
-
-    Returns
-    -------
-    M (n,n), Cv (n,), CTv (n,), g (n,), p (n,)
-    """
+def tree_dynamics(tree, motion, v):
+    """Return M (n, n), Cq̇, Cᵀq̇, g and p (n,) of a `Tree` that moves as `motion`, with joint velocities v (n,)."""
     n = v.shape[0]
-    m = mass.copy()
-    mc = np.empty((n, 3))
-    I_O = np.empty((n, 3, 3))
-    H = np.empty((n, 6))
-    F = np.empty((n, 6))
-    a6 = np.empty(6)
-    c = np.empty(3)
-    RI, I = np.empty((3, 3)), np.empty((3, 3))
+    m, mc, I_O = tree.mass.copy(), np.empty((n, 3)), np.empty((n, 3, 3))
+    H, F = np.empty((n, 6)), np.empty((n, 6))
+    a6, Ic, moment = np.empty(6), np.empty(6), np.empty(3)
+    S, V, gravity = motion.S, motion.V, tree.gravity
     for j in range(n):
-        _apply(R_WL[j], com[j], c)
-        c += p_WL[j]
-        _times(R_WL[j], inertia[j], RI)
-        _times(RI, R_WL[j].T, I)
-        cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
-        for a in range(3):
-            mc[j, a] = m[j] * c[a]
-            for b in range(3):
-                I_O[j, a, b] = I[a, b] - m[j] * c[a] * c[b]
-            I_O[j, a, a] += m[j] * cc
+        world_inertia(tree, motion, j, mc[j], I_O[j])
         _inertia_times(m[j], mc[j], I_O[j], V[j], H[j])
-        _inertia_times(m[j], mc[j], I_O[j], A[j], F[j])
+        _inertia_times(m[j], mc[j], I_O[j], motion.A[j], F[j])
         _force_cross(V[j], H[j], a6)
         F[j] += a6
     M = np.zeros((n, n))
-    Cv = np.empty(n)
-    CTv = np.empty(n)
-    g = np.empty(n)
-    p = np.empty(n)
-    VxS = np.empty(6)
-    Ic = np.empty(6)
-    moment = np.empty(3)
+    Cv, CTv, g, p = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
     for j in range(n - 1, -1, -1):
-        k = parent[j]
-        p[j] = _dot(S[j], H[j]) + armature[j] * v[j]
+        k = tree.parent[j]
+        p[j] = _dot(S[j], H[j]) + tree.armature[j] * v[j]
         Cv[j] = _dot(S[j], F[j])
-        if k >= 0:
-            _motion_cross(V[k], S[j], VxS)
-            CTv[j] = _dot(VxS, H[j])
-        else:
-            CTv[j] = 0.0
         _cross(mc[j], gravity, moment)
         g[j] = -(_dot(S[j, :3], moment) + m[j] * _dot(S[j, 3:], gravity))
         _inertia_times(m[j], mc[j], I_O[j], S[j], Ic)
@@ -227,50 +202,14 @@ def tree_dynamics(parent, mass, com, inertia, armature, gravity, R_WL, p_WL, S, 
         while i >= 0:
             M[i, j] = _dot(S[i], Ic)
             M[j, i] = M[i, j]
-            i = parent[i]
-        M[j, j] += armature[j]
+            i = tree.parent[i]
+        M[j, j] += tree.armature[j]
         if k >= 0:
+            _motion_cross(V[k], S[j], a6)
+            CTv[j] = _dot(a6, H[j])
             m[k] += m[j]
             mc[k] += mc[j]
             I_O[k] += I_O[j]
             H[k] += H[j]
             F[k] += F[j]
     return M, Cv, CTv, g, p
-
-
-@njit(cache=True)
-def point_kinematics(parent, S, V, A, R_WL, p_WL, link, p_LC):
-    """Return position, velocity, Jacobian and J̇q̇ of a point fixed in a link.
-
-    Parameters
-    ----------
-    link : int
-        Index of the link.
-    p_LC : (3,) array
-        The point in the link frame (m).
-
-    Returns
-    -------
-    p_WC (3,), v_WC (3,), Jv_WC (3,n), Jdotv_WC (3,)
-        In the world frame; ``v_WC = Jv_WC @ v`` and ``dv_WC/dt = Jv_WC @ vdot + Jdotv_WC``.
-    """
-    n = S.shape[0]
-    J = np.zeros((3, n))
-    a = np.empty(3)
-    p_WC = np.empty(3)
-    _apply(R_WL[link], p_LC, p_WC)
-    p_WC += p_WL[link]
-    j = link
-    while j >= 0:
-        _cross(S[j, :3], p_WC, a)
-        for i in range(3):
-            J[i, j] = S[j, 3 + i] + a[i]
-        j = parent[j]
-    v_WC = np.empty(3)
-    _cross(V[link, :3], p_WC, v_WC)
-    v_WC += V[link, 3:]
-    Jdotv = np.empty(3)
-    _cross(A[link, :3], p_WC, Jdotv)
-    _cross(V[link, :3], v_WC, a)
-    Jdotv += A[link, 3:] + a
-    return p_WC, v_WC, J, Jdotv

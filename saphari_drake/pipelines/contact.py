@@ -1,32 +1,37 @@
 """From joint state and depth image to an answered contact: the systems of Section 7, wired."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from saphari_drake.control.contact.force import ContactForceController
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.control.contact.impedance import ContactImpedanceController, ContactImpedanceParameters
+from saphari_drake.control.contact.force_system import ContactForceController
+from saphari_drake.control.contact.parameters import ContactForceControlParameters, ContactImpedanceParameters
 from saphari_drake.control.contact.stability import check_hand
-from saphari_drake.errors import ParameterError
+from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
+from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.contact_localizer import ContactLocalizer, LocalizerParameters
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import LocalizerParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters
 from saphari_drake.safety.contact_monitor import ContactMonitor, ContactMonitorParameters
-from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.systems import connect
 
 
 @dataclass
 class ContactPipelineParameters:
-    """Parameters of all systems between sensors and torque; their cycles must be equal."""
+    """Parameters of all systems between sensors and torque."""
 
-    joint_sensor: JointSensorParameters = field(default_factory=JointSensorParameters)
+    # s; the control cycle of all parts, which take it from here. That of the deliverable.
+    period: float = 0.005
     observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
@@ -36,20 +41,27 @@ class ContactPipelineParameters:
     controller: ContactImpedanceParameters | ContactForceControlParameters = field(
         default_factory=ContactImpedanceParameters
     )
+    switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
 
     def __post_init__(self) -> None:
-        for name in ("observer", "detector", "monitor", "controller"):
-            if getattr(self, name).period != self.joint_sensor.period:
-                raise ParameterError(f"{name}.period", f"must equal joint_sensor.period, {self.joint_sensor.period} s")
+        require_positive(self, "period")
+        share_period(self, "observer", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
             check_hand(self.controller, float(np.min(self.observer.gain)))
 
 
-@dataclass
-class ContactPipeline:
-    """The systems, and the inputs that are left to connect."""
+class ContactMeasurements(NamedTuple):
+    """Ports that the pipeline is fed from: of simulated sensors, or of a real arm."""
 
-    joint_sensor: JointSensor
+    position: OutputPort  # n (rad or m), held over each period
+    velocity: OutputPort  # n (rad/s or m/s), the same
+    depth_image: OutputPort  # of the camera (m)
+    image_time: OutputPort  # when it was taken (s)
+
+
+class ContactPipeline(NamedTuple):
+    """The systems that others look at."""
+
     dynamics: RobotDynamics
     observer: MomentumObserver
     detector: ContactDetector
@@ -57,36 +69,24 @@ class ContactPipeline:
     monitor: ContactMonitor
     force: ContactForceEstimator
     controller: ContactImpedanceController | ContactForceController
+    switch: CommandSwitch
+    limit: TorqueLimit
 
     @property
-    def state_input(self) -> InputPort:
-        """Joint state of the robot, 2n."""
-        return self.joint_sensor.GetInputPort("state")
-
-    @property
-    def depth_input(self) -> InputPort:
-        """Depth image of the camera."""
-        return self.localizer.GetInputPort("depth_image")
-
-    @property
-    def image_time_input(self) -> InputPort:
-        """Time at which it was taken (s)."""
-        return self.localizer.GetInputPort("image_time")
-
-    @property
-    def torque_output(self):
+    def torque_output(self) -> OutputPort:
         """Joint torque, n (Nm)."""
-        return self.controller.GetOutputPort("torque_commanded")
+        return self.limit.GetOutputPort("torque_applied")
 
 
 def add_contact_pipeline(
     builder: DiagramBuilder,
     robot: RobotModel,
+    measured: ContactMeasurements,
     camera: CameraParameters,
     params: ContactPipelineParameters | None = None,
     background: NDArray[np.float32] | None = None,
 ) -> ContactPipeline:
-    """Add sensor, observer, detector, localizer, monitor, force estimator and controller, and connect them.
+    """Add observer, detector, localizer, monitor, force estimator, controller, switch and limit, and connect them.
 
     Parameters
     ----------
@@ -94,54 +94,58 @@ def add_contact_pipeline(
         The diagram to add to.
     robot :
         The robot that is controlled.
+    measured :
+        What it measures.
     camera :
         Pose and optics of the depth camera.
     background : (height, width) float32 array, optional
         Depth of the scene without robot and person (m), from `background_depth`.
     """
     params = params or ContactPipelineParameters()
-
-    def add(name: str, system: LeafSystem):
-        return builder.AddNamedSystem(name, system)
-
+    params.__post_init__()  # its parts take the period
+    add = builder.AddNamedSystem
     p = ContactPipeline(
-        joint_sensor=add("joint_sensor", JointSensor(robot, params.joint_sensor)),
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=add("momentum_observer", MomentumObserver(robot, params.observer)),
         detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
         localizer=add(
             "contact_localizer",
-            ContactLocalizer(robot, camera, params.localizer, background, params.joint_sensor.period),
+            ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
         controller=add("controller", _controller(robot, params.controller)),
+        switch=add("command_switch", CommandSwitch(robot, params.switch)),
+        limit=add("torque_limit", TorqueLimit(robot, params.period)),
     )
-    wires = (
-        (p.joint_sensor, "position_measured", p.dynamics, "position_measured"),
-        (p.joint_sensor, "velocity_measured", p.dynamics, "velocity_measured"),
-        (p.joint_sensor, "position_measured", p.localizer, "position_measured"),
-        (p.dynamics, "dynamics", p.observer, "dynamics"),
-        (p.dynamics, "dynamics", p.monitor, "dynamics"),
-        (p.dynamics, "dynamics", p.force, "dynamics"),
-        (p.dynamics, "dynamics", p.controller, "dynamics"),
-        (p.observer, "residual", p.detector, "residual"),
-        (p.observer, "residual", p.force, "residual"),
-        (p.observer, "residual", p.localizer, "residual"),
-        (p.force, "misfit", p.controller, "misfit"),
-        (p.detector, "contact", p.monitor, "contact"),
-        (p.localizer, "contact_point", p.monitor, "contact_point"),
-        (p.localizer, "camera_status", p.monitor, "camera_status"),
-        (p.monitor, "active_contact", p.force, "contact_point"),
-        (p.monitor, "interaction", p.controller, "interaction"),
-        (p.force, "contact_force", p.controller, "contact_force"),
-        (p.controller, "torque_commanded", p.observer, "torque_commanded"),
+    for source, target, name in (
+        (measured.position, p.dynamics, "position_measured"),
+        (measured.velocity, p.dynamics, "velocity_measured"),
+        (measured.position, p.localizer, "position_measured"),
+        (measured.depth_image, p.localizer, "depth_image"),
+        (measured.image_time, p.localizer, "image_time"),
+        (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
+    ):
+        builder.Connect(source, target.GetInputPort(name))
+    connect(
+        builder,
+        (p.dynamics, "dynamics", p.observer, p.monitor, p.force, p.controller, p.switch),
+        (p.observer, "torque_external", p.detector, p.force, p.localizer),
+        (p.detector, "contact", p.monitor),
+        (p.localizer, "contact_point", p.monitor),
+        (p.localizer, "camera_status", p.monitor),
+        (p.monitor, "interaction", p.controller),
+        (p.force, "contact_force", p.controller),
+        (p.force, "misfit", p.controller),
+        (p.controller, "selection", p.switch),
+        (p.controller, "torque_commanded", p.switch),
+        (p.switch, "torque_commanded", p.limit),
+        (p.limit, "torque_applied", p.switch, p.observer),
     )
-    for source, output, target, target_port in wires:
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_port))
     if isinstance(p.controller, ContactForceController):
-        hidden = "unobservable_directions"
-        builder.Connect(p.force.GetOutputPort(hidden), p.controller.GetInputPort(hidden))
+        connect(
+            builder, (p.force, "unobservable_directions", p.controller), (p.switch, "transition_left", p.controller)
+        )
     return p
 
 

@@ -15,11 +15,13 @@ from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator, WristWrenchParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
+from saphari_drake.safety.torque_limit import TorqueLimit
 
 
 @dataclass
 class HandGuidingPipelineParameters:
-    """Estimators and controller; they take period and tip from here, whatever theirs were."""
+    """Estimators, controller and switch; they take period and tip from here, whatever theirs were."""
 
     # s; the control cycle.
     period: float = 0.002
@@ -27,10 +29,12 @@ class HandGuidingPipelineParameters:
     # The guided point of the end effector is the tip of the wrist's wrench: where the hand holds a light handle.
     wrist: WristWrenchParameters = field(default_factory=lambda: WristWrenchParameters(tip_point=[0.0, 0.0, 0.12]))
     controller: HandGuidingParameters = field(default_factory=HandGuidingParameters)
+    # The answer to a joint state that is not known, and the way back.
+    switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.skin, self.wrist, self.controller):
+        for part in (self.skin, self.wrist, self.controller, self.switch):
             part.period = self.period
         self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.controller.__post_init__()
@@ -52,11 +56,13 @@ class HandGuidingPipeline(NamedTuple):
     skin: SkinEstimator
     wrist: WristWrenchEstimator
     controller: HandGuidingController
+    switch: CommandSwitch
+    limit: TorqueLimit
 
     @property
     def torque_output(self) -> OutputPort:
         """Joint torque, n (Nm or N), for an arm that takes torques."""
-        return self.controller.GetOutputPort("torque_commanded")
+        return self.limit.GetOutputPort("torque_applied")
 
     @property
     def position_output(self) -> OutputPort:
@@ -72,7 +78,7 @@ def add_hand_guiding_pipeline(
     calibration: SkinCalibration,
     params: HandGuidingPipelineParameters | None = None,
 ) -> HandGuidingPipeline:
-    """Add dynamics, estimators of skin and wrist, and the controller, and connect them."""
+    """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them."""
     params = replace(params or HandGuidingPipelineParameters())  # its parts take period and tip
 
     def add(name: str, system: LeafSystem):
@@ -83,6 +89,8 @@ def add_hand_guiding_pipeline(
     skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
     wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist))
     controller = add("controller", HandGuidingController(robot, params.controller))
+    switch = add("command_switch", CommandSwitch(robot, params.switch))
+    limit = add("torque_limit", TorqueLimit(robot, params.period))
     wires = (
         (measured.position, dynamics, "position_measured"),
         (measured.velocity, dynamics, "velocity_measured"),
@@ -92,11 +100,15 @@ def add_hand_guiding_pipeline(
         (measured.sample_time, skin, "sample_time"),
         (dynamics.get_output_port(), wrist, "dynamics"),
         # Without it, the feedforward of the measured force would answer what it does to the tool itself.
-        (acceleration.get_output_port(), wrist, "acceleration_measured"),
+        (acceleration.GetOutputPort("acceleration_measured"), wrist, "acceleration_measured"),
         (dynamics.get_output_port(), controller, "dynamics"),
         (skin.GetOutputPort("skin_reading"), controller, "skin"),
         (wrist.GetOutputPort("wrench_measured"), controller, "wrench_measured"),
+        (dynamics.get_output_port(), switch, "dynamics"),
+        (controller.GetOutputPort("torque_commanded"), switch, "torque_commanded"),
+        (switch.GetOutputPort("torque_commanded"), limit, "torque_commanded"),
+        (limit.GetOutputPort("torque_applied"), switch, "torque_applied"),
     )
     for source, system, name in wires:
         builder.Connect(source, system.GetInputPort(name))
-    return HandGuidingPipeline(skin, wrist, controller)
+    return HandGuidingPipeline(skin, wrist, controller, switch, limit)

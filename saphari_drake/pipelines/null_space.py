@@ -1,88 +1,92 @@
-"""The diagram of Section 5: cell, joint sensor, observers and null-space compliance, wired."""
+"""From the measured joint state to a torque that keeps the task: the systems of Section 5, wired."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from saphari_drake.control.null_space.parameters import NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
-from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
+from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
-from saphari_drake.simulation.world.obstacle_cell import ObstacleCell, ObstacleCellParameters, add_obstacle_cell
-
-PERIOD = 0.002  # s, the cycle of the deliverable
+from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.systems import connect
 
 
 @dataclass
-class NullSpaceCellParameters:
-    """World, sensor, observers and controller; the cycles must be equal."""
+class NullSpacePipelineParameters:
+    """Parameters of all systems between sensors and torque."""
 
-    cell: ObstacleCellParameters = field(default_factory=ObstacleCellParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
-    joint_sensor: JointSensorParameters = field(
-        default_factory=lambda: JointSensorParameters(PERIOD, position_resolution=1e-6, differentiate=True)
-    )
+    # s; the control cycle of all parts, which take it from here. That of the deliverable.
+    period: float = 0.002
     # Also without the observer momentum: for the threshold, and to be compared.
-    momentum: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(50.0, PERIOD))
+    momentum: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
     disturbance: DisturbanceObserverParameters = field(default_factory=DisturbanceObserverParameters)
     controller: NullSpaceComplianceParameters = field(default_factory=NullSpaceComplianceParameters)
+    switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
 
     def __post_init__(self) -> None:
-        for name in ("momentum", "disturbance", "controller"):
-            if getattr(self, name).period != self.joint_sensor.period:
-                raise ParameterError(f"{name}.period", f"must equal joint_sensor.period, {self.joint_sensor.period} s")
+        require_positive(self, "period")
+        share_period(self, "momentum", "disturbance", "controller", "switch")
 
 
-@dataclass
-class NullSpaceCell:
-    """The parts of the diagram that others look at."""
+class NullSpacePipeline(NamedTuple):
+    """The systems that others look at."""
 
-    cell: ObstacleCell
-    controller: NullSpaceComplianceController
+    dynamics: RobotDynamics
     momentum: MomentumObserver
     disturbance: DisturbanceObserver
+    controller: NullSpaceComplianceController
+    switch: CommandSwitch
+    limit: TorqueLimit
+
+    @property
+    def torque_output(self) -> OutputPort:
+        """Joint torque, n (Nm)."""
+        return self.limit.GetOutputPort("torque_applied")
 
 
-def add_null_space_control(
-    builder: DiagramBuilder, robot: RobotModel, params: NullSpaceCellParameters
-) -> tuple[JointSensor, NullSpaceComplianceController, MomentumObserver, DisturbanceObserver]:
-    """Add sensor, dynamics, observers and controller, and connect them; state and torque are left to connect."""
+def add_null_space_pipeline(
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    position: OutputPort,
+    velocity: OutputPort,
+    params: NullSpacePipelineParameters | None = None,
+) -> NullSpacePipeline:
+    """Add dynamics, observers, controller, switch and torque limit, and connect them to what the joints measure.
 
-    def add(name: str, system: LeafSystem):
-        return builder.AddNamedSystem(name, system)
-
-    sensor = add("joint_sensor", JointSensor(robot, params.joint_sensor))
-    dynamics = add("dynamics", RobotDynamics(robot))
-    momentum = add("momentum_observer", MomentumObserver(robot, params.momentum))
-    disturbance = add("disturbance_observer", DisturbanceObserver(robot, params.disturbance))
-    controller = add("controller", NullSpaceComplianceController(robot, params.controller))
-    wires = (
-        (sensor, "position_measured", dynamics, "position_measured"),
-        (sensor, "velocity_measured", dynamics, "velocity_measured"),
-        (dynamics, "dynamics", momentum, "dynamics"),
-        (dynamics, "dynamics", controller, "dynamics"),
-        (momentum, "residual", controller, "residual"),
-        (disturbance, "torque_estimated", controller, "torque_estimated"),
-        (controller, "observer_drive", disturbance, "observer_drive"),
-        (controller, "yielding", disturbance, "yielding"),
-        (controller, "torque_commanded", momentum, "torque_commanded"),
+    The desired motion is left to connect to the controller; without it, the pose at the start is kept.
+    """
+    params = params or NullSpacePipelineParameters()
+    params.__post_init__()  # its parts take the period
+    add = builder.AddNamedSystem
+    p = NullSpacePipeline(
+        dynamics=add("dynamics", RobotDynamics(robot)),
+        momentum=add("momentum_observer", MomentumObserver(robot, params.momentum)),
+        disturbance=add("disturbance_observer", DisturbanceObserver(robot, params.disturbance)),
+        controller=add("controller", NullSpaceComplianceController(robot, params.controller)),
+        switch=add("command_switch", CommandSwitch(robot, params.switch)),
+        limit=add("torque_limit", TorqueLimit(robot, params.period)),
     )
-    for source, output, target, target_port in wires:
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_port))
-    return sensor, controller, momentum, disturbance
-
-
-def add_null_space_cell(
-    builder: DiagramBuilder, robot: RobotModel, params: NullSpaceCellParameters | None = None
-) -> NullSpaceCell:
-    """Add the whole cell; the robot starts at its home posture."""
-    params = params or NullSpaceCellParameters()
-    cell = add_obstacle_cell(builder, robot, params.cell)
-    sensor, controller, momentum, disturbance = add_null_space_control(builder, robot, params)
-    builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    builder.Connect(controller.GetOutputPort("torque_commanded"), cell.torque_input)
-    return NullSpaceCell(cell, controller, momentum, disturbance)
+    connect(
+        builder,
+        (p.dynamics, "dynamics", p.momentum, p.controller, p.switch),
+        (p.momentum, "torque_external", p.controller),
+        (p.controller, "observer_drive", p.disturbance),
+        (p.controller, "yielding", p.disturbance),
+        (p.controller, "torque_commanded", p.switch),
+        (p.switch, "torque_commanded", p.limit),
+        (p.limit, "torque_applied", p.momentum, p.switch),
+        (p.limit, "torque_excess", p.disturbance),
+    )
+    for source, target, name in (
+        (position, p.dynamics, "position_measured"),
+        (velocity, p.dynamics, "velocity_measured"),
+        (p.disturbance.GetOutputPort("torque_external"), p.controller, "torque_external_task"),
+    ):
+        builder.Connect(source, target.GetInputPort(name))
+    return p

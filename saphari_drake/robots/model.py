@@ -15,6 +15,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
+from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
@@ -173,6 +175,12 @@ class RobotModel:
         other.home = self.checked_vector(home, "home")
         return other
 
+    def __repr__(self) -> str:
+        """Return name, file, and each joint with its limits of position, speed and torque."""
+        limits = zip(self.joint_names, self.q_min, self.q_max, self.v_max, self.tau_max)
+        rows = [f"  {name}: {a:.3g} … {b:.3g}, speed {v:.3g}, torque {tau:.4g}" for name, a, b, v, tau in limits]
+        return "\n".join([f"RobotModel '{self.name}', {self.n} joints, {self.path.name}; rad or m:", *rows])
+
     # ---- questions ----------------------------------------------------------------------------------------------
 
     def checked_vector(self, value: ArrayLike, what: str) -> Array:
@@ -183,6 +191,26 @@ class RobotModel:
         if not np.all(np.isfinite(array)):
             raise StateError(f"{what}: not finite: {array.tolist()}")
         return array
+
+    def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> Kinematics:
+        """Return poses, joint axes and, given velocities, the motion of all links; NaN where the state is not finite.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint positions (rad or m).
+        v : (n,) array, optional
+            Joint velocities (rad/s or m/s); default: at rest.
+
+        Raises
+        ------
+        StateError
+            If one has the wrong size.
+        """
+        q, v = np.array(q, dtype=float), np.zeros(self.n) if v is None else np.array(v, dtype=float)
+        if q.shape != (self.n,) or v.shape != (self.n,):
+            raise StateError(f"state: {self.name} has {self.n} joints, got shapes {q.shape} and {v.shape}")
+        return Kinematics(*tree_kinematics(self.tree, q, v))
 
     def link_index(self, name: str) -> int:
         """Return the index of a moving link by the name of its body, or of a body welded to it."""

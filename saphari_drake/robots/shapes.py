@@ -11,9 +11,7 @@ from pydrake.geometry import Box, Capsule, Convex, Cylinder, Mesh, Role, SceneGr
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-CAPSULE = 0  # size: radius, half length of the cylindrical part along z, –
-CYLINDER = 1  # size: radius, half length along z, –
-BOX = 2  # size: half extents along x, y, z
+from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, nearest_surface_point
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class LinkShapes:
     link : (s,) int array
         Link that carries each shape (−1: fixed in the world).
     kind : (s,) int array
-        CAPSULE (a sphere is one of length zero), CYLINDER or BOX.
+        Of `math.primitives`: CAPSULE (a sphere is one of length zero), CYLINDER or BOX.
     size : (s, 3) array
         Dimensions (m), see the kinds.
     R_LS, p_LS : (s, 3, 3) and (s, 3) arrays
@@ -51,6 +49,11 @@ class LinkShapes:
         p_all = np.concatenate([p_WL, np.zeros((1, 3))])
         R = R_all[self.link]
         return R @ self.R_LS, p_all[self.link] + np.einsum("sij,sj->si", R, self.p_LS)
+
+    def nearest_on(self, link: int, p_L: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the surface point (3,) of a link nearest to p_L (m) and the outward normal, in the link's frame."""
+        _, _, p_LC, n_L = nearest_surface_point(self.kind, self.size, self.R_LS, self.p_LS, self.link == link, p_L)
+        return p_LC, n_L
 
 
 def read_shapes(

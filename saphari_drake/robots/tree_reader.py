@@ -13,26 +13,9 @@ from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, PrismaticJoin
 from pydrake.systems.framework import Context
 
 from saphari_drake.errors import ModelError
-from saphari_drake.math.tree import PRISMATIC, REVOLUTE, tree_dynamics, tree_kinematics
+from saphari_drake.math.tree import PRISMATIC, REVOLUTE, Tree, tree_dynamics, tree_kinematics
 
 Array = NDArray[np.float64]
-
-
-class Tree(NamedTuple):
-    """Constants of a tree of one-degree-of-freedom joints, as `saphari_drake.math.tree` takes them."""
-
-    parent: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    axis: Array
-    R_PF: Array
-    p_PF: Array
-    R_ML: Array
-    p_ML: Array
-    mass: Array
-    com: Array
-    inertia: Array
-    armature: Array
-    gravity: Array
 
 
 class TreeModel(NamedTuple):
@@ -99,8 +82,7 @@ def read_tree(plant: MultibodyPlant, instance: ModelInstanceIndex, path: Path) -
 def _require_inertia(t: Tree, q: Array, link_names: tuple[str, ...], path: Path) -> None:
     """Every joint must move some inertia, on its own link or farther out, or M has no inverse."""
     v = np.zeros_like(q)
-    kinematics = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
-    M = tree_dynamics(t.parent, t.mass, t.com, t.inertia, t.armature, t.gravity, *kinematics, v)[0]
+    M = tree_dynamics(t, tree_kinematics(t, q, v), v)[0]
     lacking = [name for j, name in enumerate(link_names) if M[j, j] < 1e-12]
     if lacking:
         raise ModelError(f"{path}: no mass or inertia (inertial element) on moving link {', '.join(lacking)}")

@@ -101,8 +101,8 @@ class CommandSwitch(LeafSystem):
         output_ports:
         - torque_commanded
         - transition
-        - transition_left
         - system_status
+        - transition_left
 
     Ports
     -----

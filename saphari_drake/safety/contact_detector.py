@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -49,16 +50,18 @@ class ContactDetector(LeafSystem):
 
         name: ContactDetector
         input_ports:
-        - residual
+        - torque_external
         output_ports:
-        - contact
         - ratio
+        - system_status
+        - contact
 
     Ports
     -----
-    residual : n (Nm), from `MomentumObserver`.
+    torque_external : n (Nm), the residual r, from `MomentumObserver`.
     contact : 1, 1 while touched, else 0.
-    ratio : 1, the largest |r_i| over its threshold.
+    ratio : 1, the largest |r_i| over its threshold; not finite while r is not.
+    system_status : 1, a `SystemStatus`.
 
     Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
     stayed below the release ratio for the release time. The residual's size is the trigger; which link it is comes from
@@ -70,34 +73,26 @@ class ContactDetector(LeafSystem):
         self._params = params = params or ContactDetectorParameters()
         noise = diagonal(params.noise, num_joints, "noise")
         self._threshold = np.maximum(diagonal(params.threshold, num_joints, "threshold"), params.noise_multiple * noise)
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(num_joints))
+        self._torque = self.DeclareVectorInputPort("torque_external", BasicVector(num_joints))
         # Time left until release (s); 0 when not touched.
         self._remaining = self.DeclareDiscreteState(1)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        inputs = {self._residual.ticket()}
-        self.DeclareVectorOutputPort(
-            "contact",
-            BasicVector(1),
-            self._calc_contact,
-            prerequisites_of_calc=inputs | {self.discrete_state_ticket(self._remaining)},
-        )
-        self.DeclareVectorOutputPort("ratio", BasicVector(1), self._calc_ratio, prerequisites_of_calc=inputs)
+        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self._torque.ticket()})
+        readouts = {"ratio": (1, lambda ratio: [ratio]), "system_status": (1, lambda ratio: [status_of(ratio)])}
+        declare_readouts(self, self._ratio, readouts)
+        tickets = {self._ratio.ticket(), self.discrete_state_ticket(self._remaining)}
+        touched = declare_cache(self, "touched", False, self._touched, tickets)
+        declare_readouts(self, touched, {"contact": (1, lambda touched: [float(touched)])})
 
-    def _ratio(self, context: Context) -> float:
-        return float(np.max(np.abs(self._residual.Eval(context)) / self._threshold))
+    def _largest(self, context: Context) -> float:
+        return float(np.max(np.abs(self._torque.Eval(context)) / self._threshold))
 
     def _touched(self, context: Context) -> bool:
         # Not "ratio >= 1": a residual that is lost (NaN) is no proof that nobody touches.
-        return not self._ratio(context) < 1.0 or context.get_discrete_state(self._remaining).value()[0] > 0.0
-
-    def _calc_contact(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, float(self._touched(context)))
-
-    def _calc_ratio(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._ratio(context))
+        return not self._ratio.Eval(context) < 1.0 or context.get_discrete_state(self._remaining).value()[0] > 0.0
 
     def _update(self, context: Context, state: State) -> None:
-        params, ratio = self._params, self._ratio(context)
+        params, ratio = self._params, self._ratio.Eval(context)
         remaining = context.get_discrete_state(self._remaining).value()[0]
         if not ratio < 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
             remaining = max(params.release_time, params.period)

@@ -7,11 +7,19 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.messages import CameraStatus, ContactPoint, Immutable, Interaction, InteractionMode
+from saphari_drake.messages import (
+    CameraStatus,
+    ContactPoint,
+    Immutable,
+    Interaction,
+    InteractionMode,
+    SystemStatus,
+    status_of,
+)
 from saphari_drake.parameters import require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_cache, declare_readouts, declare_value
 
 Array = NDArray[np.float64]
 _CAMERA_WORKS = (CameraStatus.WAITING, CameraStatus.OK)
@@ -33,7 +41,7 @@ class ContactMonitorParameters:
     settle_time: float = 0.2
     # s; or when it has lasted this long.
     return_timeout: float = 5.0
-    # s; how long the camera must work again before a stop ends.
+    # s; how long the camera must work again, and the state be known, before a stop ends.
     camera_recovery_time: float = 0.5
     # s; the control cycle.
     period: float = 0.005
@@ -54,12 +62,12 @@ class ContactMonitorParameters:
 
 @dataclass(frozen=True)
 class _Memory(Immutable):
-    """State of the monitor: its decision and how long things have lasted (s)."""
+    """State of the monitor: its decision and how long things have lasted (s); `works`: camera and known state."""
 
     interaction: Interaction
     in_mode: float = 0.0
     settled: float = 0.0
-    camera_works: float = np.inf
+    works: float = np.inf
 
 
 class ContactMonitor(LeafSystem):
@@ -77,6 +85,7 @@ class ContactMonitor(LeafSystem):
         - interaction
         - active_contact
         - mode
+        - system_status
 
     Ports
     -----
@@ -87,10 +96,11 @@ class ContactMonitor(LeafSystem):
     interaction : abstract `Interaction`.
     active_contact : abstract `ContactPoint`, the one that is controlled; not found in other modes.
     mode : 1, an `InteractionMode`.
+    system_status : 1, a `SystemStatus`. What is not finite is a camera lost, a touch felt, or a point not seen.
 
-    Rules, in this order: a lost camera stops the robot, until it has worked again for a while; a contact that is felt
-    and seen is answered (CONTACT), one that is felt only makes the robot yield; a released contact point returns; a
-    robot at rest holds. Every decision takes one period.
+    Rules, in this order: a lost camera, or a state that is not known, stops the robot, until both have been good for a
+    while; a contact that is felt and seen is answered (CONTACT), one that is felt only makes the robot yield; a
+    released contact point returns; a robot at rest holds. Every decision takes one period.
     """
 
     def __init__(self, robot: RobotModel, params: ContactMonitorParameters | None = None) -> None:
@@ -105,46 +115,44 @@ class ContactMonitor(LeafSystem):
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(start)))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
-        state = {self.abstract_state_ticket(self._memory)}
-        self.DeclareAbstractOutputPort(
-            "interaction",
-            lambda: AbstractValue.Make(start),
-            lambda context, value: value.set_value(self._interaction(context)),
-            prerequisites_of_calc=state,
-        )
-        self.DeclareAbstractOutputPort(
-            "active_contact",
-            lambda: AbstractValue.Make(ContactPoint()),
-            lambda context, value: value.set_value(self._interaction(context).contact),
-            prerequisites_of_calc=state,
-        )
-        self.DeclareVectorOutputPort(
-            "mode",
-            BasicVector(1),
-            lambda context, output: output.SetAtIndex(0, float(self._interaction(context).mode)),
-            prerequisites_of_calc=state,
-        )
+        state, inputs = {self.abstract_state_ticket(self._memory)}, {self.all_input_ports_ticket()}
+        decision = declare_cache(self, "interaction", start, self._interaction, state)
+        declare_value(self, "interaction", start, decision, lambda interaction: interaction)
+        declare_value(self, "active_contact", ContactPoint(), decision, lambda interaction: interaction.contact)
+        declare_readouts(self, decision, {"mode": (1, lambda interaction: [float(interaction.mode)])})
+        status = declare_cache(self, "status", SystemStatus.OK, self._status, inputs)
+        declare_readouts(self, status, {"system_status": (1, lambda status: [float(status)])})
 
     def _interaction(self, context: Context) -> Interaction:
         return context.get_abstract_state(int(self._memory)).get_value().interaction
 
+    def _status(self, context: Context) -> SystemStatus:
+        if not self._dynamics.Eval(context).finite:
+            return SystemStatus.BAD_INPUT
+        return status_of(self._contact.Eval(context), self._camera.Eval(context), self._point.Eval(context).p_LC)
+
     def _start(self, context: Context, state: State) -> None:
-        interaction = replace(self._interaction(context), q_latched=self._dynamics.Eval(context).q)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(interaction))
+        terms, start = self._dynamics.Eval(context), self._interaction(context)
+        known = terms.finite
+        start = replace(start, q_latched=terms.q) if known else self._enter(InteractionMode.STOP, start, terms)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(start))
 
     def _update(self, context: Context, state: State) -> None:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
-        terms = self._dynamics.Eval(context)
-        touched = self._contact.Eval(context)[0] > 0.5
-        camera_works = self._camera.Eval(context)[0] in _CAMERA_WORKS  # NaN is not
-        memory = self._with_clocks(memory, terms, camera_works)
-        interaction = self._decide(memory, terms, touched, camera_works, self._point.Eval(context))
+        terms, seen = self._dynamics.Eval(context), self._point.Eval(context)
+        if status_of(seen.p_LC) != SystemStatus.OK or not 0 <= seen.link < self._robot.n:
+            seen = ContactPoint()
+        # A touch that is not a number is no proof that nobody touches; a camera's status that is none is no camera.
+        touched = not self._contact.Eval(context)[0] <= 0.5
+        works = terms.finite and self._camera.Eval(context)[0] in _CAMERA_WORKS
+        memory = self._with_clocks(memory, terms, works)
+        interaction = self._decide(memory, terms, touched, works, seen)
         in_mode = memory.in_mode if interaction.mode == memory.interaction.mode else 0.0
         state.get_mutable_abstract_state(int(self._memory)).set_value(
             replace(memory, interaction=interaction, in_mode=in_mode)
         )
 
-    def _with_clocks(self, memory: _Memory, terms: DynamicsTerms, camera_works: bool) -> _Memory:
+    def _with_clocks(self, memory: _Memory, terms: DynamicsTerms, works: bool) -> _Memory:
         period, params, now = self._params.period, self._params, memory.interaction
         near = now.mode == InteractionMode.RETURN and self._latched_error(now, terms) < params.position_tolerance
         slow = float(np.max(np.abs(terms.v))) < params.velocity_tolerance
@@ -152,19 +160,19 @@ class ContactMonitor(LeafSystem):
             memory,
             in_mode=memory.in_mode + period,
             settled=memory.settled + period if near and slow else 0.0,
-            camera_works=memory.camera_works + period if camera_works else 0.0,
+            works=memory.works + period if works else 0.0,
         )
 
     def _latched_error(self, now: Interaction, terms: DynamicsTerms) -> float:
         link, p_LC = now.contact.link, now.contact.p_LC
-        p_desired = point_position(self._robot, now.q_latched, link, p_LC)
-        return float(np.linalg.norm(p_desired - terms.point(link, p_LC).p_WC))
+        p_desired = self._robot.kinematics(now.q_latched).position(link, p_LC)
+        return float(np.linalg.norm(p_desired - terms.position(link, p_LC)))
 
     def _decide(
-        self, memory: _Memory, terms: DynamicsTerms, touched: bool, camera_works: bool, seen: ContactPoint
+        self, memory: _Memory, terms: DynamicsTerms, touched: bool, works: bool, seen: ContactPoint
     ) -> Interaction:
         now, params = memory.interaction, self._params
-        if not camera_works or (now.mode == InteractionMode.STOP and memory.camera_works < params.camera_recovery_time):
+        if not works or (now.mode == InteractionMode.STOP and memory.works < params.camera_recovery_time):
             return self._enter(InteractionMode.STOP, now, terms)
         if touched and seen.found:
             return self._answer(memory, terms, seen)
@@ -192,8 +200,9 @@ class ContactMonitor(LeafSystem):
     def _enter(self, mode: InteractionMode, now: Interaction, terms: DynamicsTerms) -> Interaction:
         if now.mode == mode:
             return now
-        return Interaction(mode, ContactPoint(), terms.q, now.onset + 1)
+        q = terms.q if terms.finite else now.q_latched
+        return Interaction(mode, ContactPoint(), q, now.onset + 1)
 
 
 def _world(terms: DynamicsTerms, contact: ContactPoint) -> Array:
-    return terms.p_WL[contact.link] + terms.R_WL[contact.link] @ contact.p_LC
+    return terms.position(contact.link, contact.p_LC)

@@ -22,10 +22,11 @@ from experiments.contact.cell import learn_background  # noqa: E402
 from experiments.contact.cycle_time import time_cycles  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
-from saphari_drake.control.contact.impedance import contact_impedance_torque  # noqa: E402
+from saphari_drake.control.contact.law import contact_impedance_torque  # noqa: E402
 from saphari_drake.estimation.contact_force import estimate_contact_force  # noqa: E402
 from saphari_drake.estimation.momentum_observer import residual  # noqa: E402
-from saphari_drake.perception.contact.contact_localizer import ContactVision  # noqa: E402
+from saphari_drake.perception.contact.places import PlaceFinder  # noqa: E402
+from saphari_drake.perception.segmentation.robot_filter import RobotFilter  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
 
 SECONDS = 3.0  # simulated before the measurement; the hand pushes by then
@@ -75,12 +76,13 @@ def stages(setup: script.Setup, state: np.ndarray, depth: np.ndarray, background
     q, v = state[:n], state[n:]
     terms = evaluate_dynamics(robot, q, v)
     point = terms.point(5, np.array([0.0, 0.0, 0.072]))
-    vision = ContactVision(robot.shapes, system.camera, system.pipeline.localizer, background)
+    localizer = system.pipeline.localizer
+    finder = PlaceFinder(RobotFilter(robot.shapes, system.camera, localizer, background), localizer)
     r = point.Jv_WC.T @ np.array([30.0, 0.0, 0.0])
     force = estimate_contact_force(point.Jv_WC, r, 0.02)
     gains = setup.parts.pipeline.controller.gains
     return {
-        "localization of a frame": lambda: vision.localize(depth, terms.R_WL, terms.p_WL),
+        "localization of a frame": lambda: finder.look(depth, terms.R_WL, terms.p_WL),
         "dynamics": lambda: evaluate_dynamics(robot, q, v),
         "residual": lambda: residual(terms.p, terms.p, np.full(n, 50.0)),
         "contact Jacobian": lambda: terms.point(5, point.p_WC),

@@ -8,6 +8,7 @@ Run: python tests/benchmarks/benchmark_hand_guiding.py [--json FILE]
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -19,9 +20,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 
-from saphari_drake.control.hand_guiding.cycle import HandGuiding  # noqa: E402
+from saphari_drake.control.hand_guiding.law import HandGuiding  # noqa: E402
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters  # noqa: E402
-from saphari_drake.control.hand_guiding.stability import GuidingLoop, stiffness_table  # noqa: E402
+from saphari_drake.control.hand_guiding.stability import GuidingLoop, max_hand_stiffness  # noqa: E402
+from saphari_drake.control.hand_guiding.system import sense  # noqa: E402
 from saphari_drake.messages import SkinContact, SkinReading  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
 from saphari_drake.robots.dynamics import evaluate_dynamics  # noqa: E402
@@ -35,18 +37,18 @@ def cycle_times(F_e: float, F_b: float, feedback: str) -> np.ndarray:
     robot = catalog.lwr4()
     robot.home = np.deg2rad([90.0, -35.0, 0.0, 68.0, 0.0, -45.0, 0.0])
     guiding = HandGuiding(robot, HandGuidingParameters(tip_point=[0.0, 0.0, 0.12], feedback=feedback))
-    guiding.compile()
     state = guiding.start(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
     p, n = np.array([0.0, 0.065, 0.1]), np.array([0.0, 1.0, 0.0])
     seconds = np.empty(STEPS)
     for k in range(STEPS):
         swing = np.sin(2.0 * np.pi * k / 500.0)
         contacts = (SkinContact(2, p, n, np.array([0.5 * swing, -1.0, swing]) * F_b),) if F_b and k > 5 else ()
-        reading = SkinReading(contacts, stamp=state.now)
+        reading = SkinReading(contacts)
         wrench = np.array([0.0, 0.0, 0.0, swing, 0.5, 0.0]) * (F_e if k > 5 else 0.0)
         q, v = state.q, state.v
         start = time.perf_counter()
-        state, _ = guiding.step(state, evaluate_dynamics(robot, q, v), reading, wrench)
+        terms = evaluate_dynamics(robot, q, v)
+        state, _ = guiding.step(state, terms, sense(terms, reading, wrench, guiding.tip))
         seconds[k] = time.perf_counter() - start
     return seconds[100:]
 
@@ -55,7 +57,9 @@ def print_table(title: str, loop: GuidingLoop) -> None:
     """Print the stiffest hand (N/m) of each mass and damping, and mark those that hold from 100 to 3000."""
     print(f"\n{title}: stiffest undamped hand that is stable [N/m]; * all from 100 to 3000 N/m")
     print(f"{'M [kg] / D [Ns/m]':>18}" + "".join(f"{damping:>10g}" for damping in DAMPINGS))
-    for mass, row in zip(MASSES, stiffness_table(loop, MASSES, DAMPINGS, ARM_MASSES)):
+    for mass in MASSES:
+        row = [min(max_hand_stiffness(replace(loop, mass=mass, damping=damping, arm_mass=arm_mass))
+                   for arm_mass in ARM_MASSES) for damping in DAMPINGS]  # fmt: skip
         print(f"{mass:>18g}" + "".join(f"{k:>9.0f}{'*' if k >= 3000.0 else ' '}" for k in row))
 
 
@@ -78,7 +82,9 @@ def main() -> None:
     timings.write(options.json)
     own = HandGuidingParameters()
     print_table("Torque interface", GuidingLoop(own))
-    print_table("Torque interface, force filtered with 2 ms and a cycle late", GuidingLoop(own, 3.0, 0.0, 0.002, 1))
+    print_table(
+        "Torque interface, force filtered with 2 ms and a cycle late", GuidingLoop(own, force_lag=0.002, force_delay=1)
+    )
     stiff = HandGuidingParameters(feedback="commanded")
     print_table("Position interface, servo of 200 rad/s", GuidingLoop(stiff, servo=(4e4, 400.0)))
 

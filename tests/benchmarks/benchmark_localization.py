@@ -18,13 +18,18 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "diagrams"), str(Path(__file__).
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from experiments.localization.parameters import KINDS, SceneParameters  # noqa: E402
 from experiments.localization.published import published_localization  # noqa: E402
-from experiments.localization.scenes import KINDS, ContactScenes, SceneParameters  # noqa: E402
+from experiments.localization.scenes import ContactScenes  # noqa: E402
 
+from saphari_drake.perception.camera.frames import instant  # noqa: E402
 from saphari_drake.perception.camera.model import CameraParameters  # noqa: E402
 from saphari_drake.perception.contact import evidence as kernels  # noqa: E402
-from saphari_drake.perception.contact.law import ContactFusionLaw, FusionParameters  # noqa: E402
-from saphari_drake.perception.contact.vision import ContactVision, LocalizerParameters, background_depth  # noqa: E402
+from saphari_drake.perception.contact.law import ContactFusionLaw  # noqa: E402
+from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters  # noqa: E402
+from saphari_drake.perception.contact.places import PlaceFinder  # noqa: E402
+from saphari_drake.perception.segmentation.background import background_depth  # noqa: E402
+from saphari_drake.perception.segmentation.robot_filter import RobotFilter  # noqa: E402
 from saphari_drake.robots.catalog import lwr4  # noqa: E402
 
 SCENES, FRAMES = 30, 8
@@ -46,42 +51,40 @@ class Clock:
         return result
 
 
-def cycle(law, memory, q, r, images):
+def look(finders, images, at):
+    """Return what the cameras show."""
+    return [finder.look(image, at.R_WL, at.p_WL, 2) for finder, image in zip(finders, images)]
+
+
+def cycle(law, finders, memory, q, r, images):
     """One whole contact cycle."""
-    memory = law.remember(memory, law.evidence(q, r, images))
+    at = instant(law.robot, 0.0, q, r)
+    memory = law.remember(memory, law.evidence(at, look(finders, images, at)))
     return memory, law.decide(memory)
 
 
-def measure(law, scenes, count):
+def measure(law, finders, scenes):
     """Return the times of each stage over random scenes."""
     clock, t = Clock(), law.candidates
     for index in range(SCENES):
         rng = np.random.default_rng([7, index])
         touch = scenes.draw(rng, 1 + index % 6, KINDS[index % 3])
-        images = [scenes.noisy(z, k, rng) for k, z in enumerate(scenes.images([touch], touch.q)[:count])]
+        images = [scenes.noisy(z, k, rng) for k, z in enumerate(scenes.images([touch], touch.q)[: len(finders)])]
         terms = scenes.poses(touch.q)
         forces = scenes.forces(rng, touch, FRAMES) @ terms.R_WL[touch.link].T
         residuals = forces @ terms.point(touch.link, touch.p_L).Jv_WC + scenes.torque_noise(rng, FRAMES)
         memory = law.empty()
         for r in residuals:
-            memory, _ = clock("whole cycle", cycle, law, memory, touch.q, r, images)
-        p = law.params
+            memory, _ = clock("whole cycle", cycle, law, finders, memory, touch.q, r, images)
         x, a = kernels.pose_points(t.link, t.p_L, t.n_L, terms.R_WL, terms.p_WL)
-        sizes = (p.torque_sigma, p.force_scale, p.friction, 0.4 * t.spacing)
         for r in residuals:
-            for vision, image in zip(law.visions, images):
-                clock("- vision, a camera", vision.localize_several, image, terms.R_WL, terms.p_WL, 2)
-            clock(
-                "- cameras, all candidates",
-                law._vision_cost,
-                x,
-                a,
-                images,
-                law.evidence(touch.q, r, images).human_points,
-            )
-            clock("- residual, all candidates", kernels.residual_costs, terms.parent, terms.S, t.link, x, a, r, *sizes)
+            at = instant(law.robot, 0.0, touch.q, r)
+            for finder, image in zip(finders, images):
+                clock("- vision, a camera", finder.look, image, at.R_WL, at.p_WL, 2)
+            clock("- cameras, all candidates", law.vision_cost, x, a, look(finders, images, at))
+            clock("- residual, all candidates", kernels.residual_costs, terms.parent, at.S, t.link, x, a, r, law._model)
             clock("- modes, refinement and cone force", law.decide, memory)
-            clock("published method", published_localization, law.visions[0], images[0], terms, r, 0.6)
+            clock("published method", published_localization, finders[0].camera, images[0], terms, r, 0.6)
     return clock
 
 
@@ -93,15 +96,15 @@ def main():
     rng = np.random.default_rng(0)
     backgrounds = [background_depth(scenes.background(k, rng)) for k in range(2)]
     for count, bound in ((1, 3.0), (2, 5.0)):
-        visions = [
-            ContactVision(robot.shapes, camera, LocalizerParameters(), background)
+        params = LocalizerParameters()
+        finders = [
+            PlaceFinder(RobotFilter(robot.shapes, camera, params, background), params)
             for camera, background in zip(CAMERAS[:count], backgrounds)
         ]
-        law = ContactFusionLaw(robot, visions, FusionParameters())
-        law.compile()
-        measure(law, scenes, count)  # warm
+        law = ContactFusionLaw(robot, FusionParameters())
+        measure(law, finders, scenes)  # warm
         print(f"\n{count} camera(s); bound of the whole cycle: p95 ≤ {bound} ms")
-        clock = measure(law, scenes, count)
+        clock = measure(law, finders, scenes)
         print(f"  {'stage':<36}{'wall: median':>14}{'p95':>8}{'thread: median':>17}{'p95':>8}  (ms){'share':>8}")
         for name in clock.wall:
             values = [1e3 * np.percentile(t[name], share) for t in (clock.wall, clock.thread) for share in (50, 95)]

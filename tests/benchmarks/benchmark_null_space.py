@@ -19,8 +19,9 @@ from bench import Timings, benchmark_options  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 from pydrake.systems.framework import DiagramBuilder  # noqa: E402
 
-from saphari_drake.pipelines.null_space import PERIOD, NullSpaceCellParameters, add_null_space_control  # noqa: E402
+from saphari_drake.pipelines.null_space import NullSpacePipelineParameters, add_null_space_pipeline  # noqa: E402
 from saphari_drake.robots.catalog import lwr4  # noqa: E402
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters  # noqa: E402
 
 CYCLES, WARM_UP = 1200, 100
 LIMIT_MS = 0.2
@@ -51,12 +52,13 @@ def now() -> np.ndarray:
 
 def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
     """Return wall and thread times (2, cycles) in ms of all systems with the event loop, and of what follows M(q)."""
-    params = NullSpaceCellParameters()
+    params = NullSpacePipelineParameters()
     params.controller.observer, params.controller.task, params.controller.gamma = observer, task, 0.05
     robot, builder = lwr4(), DiagramBuilder()
-    sensor, controller, _, _ = add_null_space_control(builder, robot, params)
+    sensor = builder.AddSystem(JointSensor(robot, JointSensorParameters(params.period, 1e-6)))
+    pipeline = add_null_space_pipeline(builder, robot, sensor.get_output_port(0), sensor.get_output_port(1), params)
     builder.ExportInput(sensor.GetInputPort("state"), "state")
-    builder.ExportOutput(controller.GetOutputPort("torque_commanded"), "torque")
+    builder.ExportOutput(pipeline.torque_output, "torque")
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
@@ -70,7 +72,7 @@ def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
         q = robot.home + 0.05 * np.sin(2e-3 * k + np.arange(robot.n)) + 1e-6 * rng.normal(size=robot.n)
         state.FixValue(context, np.concatenate([q, np.zeros(robot.n)]))
         start = now()
-        simulator.AdvanceTo((k + 1.5) * PERIOD)
+        simulator.AdvanceTo((k + 1.5) * params.period)
         dynamics.GetOutputPort("dynamics").Eval(own_context)
         middle = now()
         torque.Eval(context)

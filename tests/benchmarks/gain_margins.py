@@ -15,9 +15,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2] / "diagrams"))
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.simulation.runner.experiment import Experiment, Metric, RunOptions
-from saphari_drake.simulation.runner.results import bound_text, table
+from saphari_drake.simulation.runner.experiment import Experiment
+from saphari_drake.simulation.runner.results import Metric, bound_text, table
 from saphari_drake.simulation.runner.scenario import to_tree, with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 LOW, HIGH = (0.5, 0.75, 0.9), (1.5, 1.25, 1.1)  # the farthest first
 GUIDING = tuple(f"system.pipeline.controller.{name}" for name in ("K_P", "K_D", "force_time"))

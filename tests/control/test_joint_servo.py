@@ -10,6 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo, servo_torque
 from saphari_drake.errors import ParameterError
+from saphari_drake.messages import SystemStatus
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import add_cell
@@ -84,6 +85,32 @@ def test_the_first_command_is_not_fed_forward(lwr4):
     bench.set(velocity_commanded=2.0 * command)
     expected = terms.M @ (command / 0.001 + 300.0 * command) + terms.g
     np.testing.assert_allclose(bench.read("torque_commanded") + bench.read("torque_excess"), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_command_that_is_not_finite_brakes(lwr4, bad):
+    """K times the measured velocity is taken out, nothing is fed forward, then or in the next good cycle."""
+    moving = evaluate_dynamics(lwr4, lwr4.home, np.full(7, 0.1))
+    bench = Bench(JointVelocityServo(lwr4), dynamics=moving, velocity_commanded=moving.v)
+    bench.run(velocity_commanded=np.r_[bad, moving.v[1:]])
+    expected = moving.M @ (-150.0 * moving.v) + moving.Cv + moving.g
+    assert bench.read("system_status") == SystemStatus.BAD_INPUT
+    np.testing.assert_allclose(bench.read("torque_commanded") + bench.read("torque_excess"), expected)
+    bench.set(velocity_commanded=moving.v)
+    assert bench.read("system_status") == SystemStatus.OK
+    np.testing.assert_allclose(bench.read("torque_commanded"), moving.Cv + moving.g, atol=1e-12)
+
+
+def test_a_state_that_is_not_known_leaves_the_gravity_torque_of_the_last_one(lwr4):
+    terms = evaluate_dynamics(lwr4, lwr4.home + 0.1, np.zeros(7))
+    bench = Bench(JointVelocityServo(lwr4), dynamics=terms.unknown(), velocity_commanded=np.ones(7))
+    np.testing.assert_array_equal(bench.read("torque_commanded"), evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).g)
+    bench.run(dynamics=terms)
+    bench.run(dynamics=terms.unknown())
+    assert bench.read("system_status") == SystemStatus.BRAKES_ON
+    np.testing.assert_array_equal(bench.read("torque_commanded"), terms.g)
+    bench.run(dynamics=terms)
+    assert bench.read("system_status") == SystemStatus.OK
 
 
 @pytest.mark.parametrize("field", ["gain", "period", "feedforward"])

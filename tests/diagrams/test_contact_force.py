@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.control.contact.force import ContactForceController
+from saphari_drake.control.contact.force_system import ContactForceController
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.runner.experiment import main
 
@@ -30,7 +30,7 @@ def script():
         (["--set", "system.pipeline.controller.direction=up"], ["direction", "up", "aligned, fixed"]),
         (["--set", "system.pipeline.controller.gate_off=5"], ["gate_off", "gate_on"]),
         (["--set", "system.pipeline.controller.K_p=5"], ["K_p", "K_f"]),
-        (["--set", "system.pipeline.controller.period=0.01"], ["controller.period", "joint_sensor.period"]),
+        (["--set", "system.pipeline.controller.period=0.01"], ["controller.period", "set period"]),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(script, capsys, arguments, words):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from experiments.localization.scenario import NEVER
 
-from saphari_drake.simulation.runner.experiment import RunOptions, main
+from saphari_drake.simulation.runner.experiment import main
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 
 def scenario_of(case, **values):

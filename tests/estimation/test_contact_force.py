@@ -11,7 +11,7 @@ from saphari_drake.estimation.contact_force import (
     ContactForceParameters,
     estimate_contact_force,
 )
-from saphari_drake.messages import ContactPoint
+from saphari_drake.messages import ContactPoint, SystemStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 RCOND = ContactForceParameters().rcond
@@ -127,7 +127,7 @@ def test_point_that_cannot_move_has_rank_0():
 def bench(lwr4):
     terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
     return Bench(
-        ContactForceEstimator(lwr4), dynamics=terms, residual=np.arange(1.0, 8.0), contact_point=ContactPoint()
+        ContactForceEstimator(lwr4), dynamics=terms, torque_external=np.arange(1.0, 8.0), contact_point=ContactPoint()
     ), terms
 
 
@@ -147,7 +147,7 @@ def test_ports_with_a_contact_point(bench):
     for link in (2, 5):
         p_LC = np.array([0.02, 0.05, 0.1])
         J = terms.point(link, p_LC).Jv_WC
-        system.set(contact_point=ContactPoint(found=True, link=link, p_LC=p_LC), residual=J.T @ F)
+        system.set(contact_point=ContactPoint(found=True, link=link, p_LC=p_LC), torque_external=J.T @ F)
         expected = estimate_contact_force(J, J.T @ F, RCOND)
         np.testing.assert_array_equal(system.read("contact_force"), expected.F_W)
         assert system.read("rank") == expected.rank == (2 if link == 2 else 3)
@@ -172,3 +172,27 @@ def test_a_force_with_hardly_a_lever_arm_is_not_estimated():
     assert estimate.rank == 0
     np.testing.assert_array_equal(estimate.F_W, 0.0)
     np.testing.assert_array_equal(estimate.misfit, r)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("port", ["dynamics", "torque_external", "contact_point"])
+def test_an_input_that_is_not_finite_makes_no_force_but_a_status(bench, port, bad):
+    """Not known is NaN, with no direction determined; known again, all is as before."""
+    system, terms = bench
+    good = {"dynamics": terms, "torque_external": np.ones(7), "contact_point": ContactPoint(True, 5, np.zeros(3))}
+    worse = {"dynamics": terms.unknown(), "torque_external": np.r_[bad, np.zeros(6)],
+             "contact_point": ContactPoint(True, 5, np.array([0.0, bad, 0.0]))}  # fmt: skip
+    system.set(**good)
+    force = system.read("contact_force")
+    system.set(**{port: worse[port]})
+    assert system.read("system_status") == SystemStatus.BAD_INPUT and system.read("rank") == 0.0
+    assert np.isnan(system.read("contact_force")).all() and np.isnan(system.read("misfit")).all()
+    system.set(**good)
+    assert system.read("system_status") == SystemStatus.OK
+    np.testing.assert_array_equal(system.read("contact_force"), force)
+
+
+def test_a_link_that_is_none_makes_no_force(bench):
+    system, _ = bench
+    system.set(contact_point=ContactPoint(True, 7, np.zeros(3)))
+    assert system.read("system_status") == SystemStatus.BAD_INPUT

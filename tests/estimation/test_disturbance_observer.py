@@ -9,6 +9,7 @@ from saphari_drake.control.null_space.stability import gamma_bound, require_gamm
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
 from saphari_drake.math.task_space import sampled_damping
+from saphari_drake.messages import SystemStatus
 
 F_W = np.array([3.0, -15.0, 4.0])
 HOME = np.deg2rad([0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
@@ -56,12 +57,12 @@ def test_system_integrates_its_drive_and_clones(lwr4):
     """τ̂ starts at zero and follows Γ⁻¹ y; a cloned Context goes on by itself."""
     params = DisturbanceObserverParameters(Gamma=[0.5], period=0.005)
     bench = Bench(DisturbanceObserver(lwr4, params), observer_drive=np.zeros(7))
-    np.testing.assert_array_equal(bench.read("torque_estimated"), np.zeros(7))
+    np.testing.assert_array_equal(-bench.read("torque_external"), np.zeros(7))
     bench.run(10, observer_drive=np.arange(7.0))
-    np.testing.assert_allclose(bench.read("torque_estimated"), 10 * 0.005 / 0.5 * np.arange(7.0))
+    np.testing.assert_allclose(-bench.read("torque_external"), 10 * 0.005 / 0.5 * np.arange(7.0))
     twin = bench.clone()
     twin.run(observer_drive=np.ones(7))
-    np.testing.assert_allclose(bench.read("torque_estimated"), 10 * 0.005 / 0.5 * np.arange(7.0))
+    np.testing.assert_allclose(-bench.read("torque_external"), 10 * 0.005 / 0.5 * np.arange(7.0))
 
 
 def test_estimate_is_forgotten_while_the_task_yields(lwr4):
@@ -69,9 +70,37 @@ def test_estimate_is_forgotten_while_the_task_yields(lwr4):
     params = DisturbanceObserverParameters(Gamma=[1.0], period=0.005, forget_rate=10.0)
     bench = Bench(DisturbanceObserver(lwr4, params), observer_drive=np.ones(7), yielding=0.0)
     bench.run(20)
-    before = bench.read("torque_estimated")
+    before = -bench.read("torque_external")
     bench.run(20, observer_drive=np.zeros(7), yielding=0.5)
-    np.testing.assert_allclose(bench.read("torque_estimated"), np.exp(-0.5) * before)
+    np.testing.assert_allclose(-bench.read("torque_external"), np.exp(-0.5) * before)
+
+
+def test_nothing_is_integrated_while_torque_is_cut_off(lwr4):
+    """The estimate waits, and does not wind up."""
+    bench = Bench(DisturbanceObserver(lwr4), observer_drive=np.ones(7), torque_excess=np.zeros(7))
+    bench.run(5)
+    before = bench.read("torque_external")
+    bench.run(20, torque_excess=np.eye(7)[6] * 1e-3)
+    np.testing.assert_array_equal(bench.read("torque_external"), before)
+    bench.run(torque_excess=np.zeros(7))
+    assert np.all(bench.read("torque_external") != before)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("port", ["observer_drive", "yielding", "torque_excess"])
+def test_an_input_that_is_not_finite_is_told_and_the_estimate_forgotten(lwr4, port, bad):
+    """As while the task yields; the state stays finite, and works again at once."""
+    params = DisturbanceObserverParameters(period=0.005, forget_rate=10.0)
+    good = {"observer_drive": np.ones(7), "yielding": np.zeros(1), "torque_excess": np.zeros(7)}
+    bench = Bench(DisturbanceObserver(lwr4, params), **good)
+    bench.run(5)
+    before = bench.read("torque_external")
+    bench.run(20, **{port: np.r_[good[port][:-1], bad]})
+    assert bench.read("system_status") == SystemStatus.BAD_INPUT
+    np.testing.assert_allclose(bench.read("torque_external"), np.exp(-1.0) * before)
+    bench.run(**good)
+    assert bench.read("system_status") == SystemStatus.OK
+    assert np.all(np.isfinite(bench.read("torque_external")))
 
 
 def test_gamma_bound_is_the_stated_one():

@@ -12,6 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters, discrete_gain
+from saphari_drake.messages import SystemStatus
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 
@@ -28,7 +29,7 @@ class ExactWorld:
         self.J = self.start.point(5, np.array([0.0, 0.0, 0.05])).Jv_WC
         self.p = self.rng.normal(size=7)
         observer = MomentumObserver(robot, MomentumObserverParameters(gain=gain))
-        self.observer = Bench(observer, dynamics=self.terms(), torque_commanded=np.zeros(7))
+        self.observer = Bench(observer, dynamics=self.terms(), torque_applied=np.zeros(7))
 
     def terms(self):
         self.CTv, self.g = self.rng.normal(size=(2, 7)) * 20.0
@@ -37,17 +38,17 @@ class ExactWorld:
     def step(self, torque_external):
         """Go on by one period; return the residual."""
         torque = self.rng.normal(size=7) * 20.0
-        self.observer.run(torque_commanded=torque)
+        self.observer.run(torque_applied=torque)
         self.p = self.p + PERIOD * (torque + self.CTv - self.g + torque_external)
         self.observer.set(dynamics=self.terms())
-        return self.observer.read("residual")
+        return self.observer.read("torque_external")
 
 
 def test_residual_starts_at_zero_whatever_the_momentum(lwr4):
     """The text assumes a robot at rest; here it may move."""
     world = ExactWorld(lwr4)
     assert np.linalg.norm(world.p) > 1.0
-    np.testing.assert_array_equal(world.observer.read("residual"), 0.0)
+    np.testing.assert_array_equal(world.observer.read("torque_external"), 0.0)
 
 
 @pytest.mark.parametrize("gain", [50.0, 1000.0, list(GAINS)])
@@ -86,12 +87,32 @@ def test_clone_of_the_context_goes_on_by_itself(lwr4):
     world = ExactWorld(lwr4)
     for _ in range(5):
         world.step(np.ones(7))
-    twin, r = world.observer.clone(), world.observer.read("residual")
-    twin.run(torque_commanded=np.ones(7))
-    assert np.max(np.abs(twin.read("residual") - r)) > 1e-3
-    np.testing.assert_array_equal(world.observer.read("residual"), r)
-    world.observer.run(torque_commanded=np.ones(7))
-    np.testing.assert_array_equal(world.observer.read("residual"), twin.read("residual"))
+    twin, r = world.observer.clone(), world.observer.read("torque_external")
+    twin.run(torque_applied=np.ones(7))
+    assert np.max(np.abs(twin.read("torque_external") - r)) > 1e-3
+    np.testing.assert_array_equal(world.observer.read("torque_external"), r)
+    world.observer.run(torque_applied=np.ones(7))
+    np.testing.assert_array_equal(world.observer.read("torque_external"), twin.read("torque_external"))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("cycles", [1, 30])
+@pytest.mark.parametrize("port", ["dynamics", "torque_applied"])
+def test_starts_anew_after_an_input_that_is_not_finite(lwr4, port, cycles, bad):
+    """It says so while the state is not known, keeps no NaN, and then finds the torque again at its rate."""
+    world, f = ExactWorld(lwr4), np.ones(7)
+    for _ in range(50):
+        world.step(f)
+    bench = world.observer
+    bench.set(**{port: world.start.unknown() if port == "dynamics" else np.r_[bad, np.zeros(6)]})
+    bench.run(cycles)
+    unknown = port == "dynamics"
+    assert np.isnan(bench.read("torque_external")).all() == unknown
+    assert bench.read("system_status") == (SystemStatus.BAD_INPUT if unknown else SystemStatus.OK)
+    bench.set(dynamics=world.terms())
+    np.testing.assert_array_equal(bench.read("torque_external"), 0.0)
+    for k in range(1, 100):
+        np.testing.assert_allclose(world.step(f), -np.expm1(-50.0 * k * PERIOD) * f, atol=1e-10)
 
 
 # ---- with a simulated arm ------------------------------------------------------------------------------------------
@@ -111,7 +132,7 @@ def simulate(robot, period, torque, torque_external, duration=0.3):
     command = builder.AddSystem(ConstantVectorSource(torque))
     external = builder.AddSystem(ConstantVectorSource(torque_external))
     builder.Connect(command.get_output_port(), plant.get_actuation_input_port(instance))
-    builder.Connect(command.get_output_port(), observer.GetInputPort("torque_commanded"))
+    builder.Connect(command.get_output_port(), observer.GetInputPort("torque_applied"))
     builder.Connect(external.get_output_port(), plant.get_applied_generalized_force_input_port())
     builder.Connect(plant.get_state_output_port(instance), sensor.GetInputPort("state"))
     for name in ("position_measured", "velocity_measured"):
@@ -124,7 +145,7 @@ def simulate(robot, period, torque, torque_external, duration=0.3):
     def record(root):
         context = observer.GetMyContextFromRoot(root)
         p = observer.GetInputPort("dynamics").Eval(context).p
-        rows.append(np.r_[root.get_time(), observer.GetOutputPort("residual").Eval(context), p])
+        rows.append(np.r_[root.get_time(), observer.GetOutputPort("torque_external").Eval(context), p])
 
     for k in range(1, round(duration / period) + 1):
         simulator.AdvanceTo(k * period + 2e-6)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import saphari_drake
 from saphari_drake.math import products
@@ -60,6 +62,20 @@ def test_cholesky_solves_and_refuses_what_is_not_definite():
         assert not cholesky(bad, L)
         solve_lower(L, x, 4)
         assert np.all(np.isnan(x))
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 12))
+def test_the_multipliers_solve_their_problem(seed, count):
+    """μ ≥ 0, H μ ≥ e, and one of the two with equality; rows may depend on one another."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((count, 5))
+    H = A @ A.T + 1e-6 * np.eye(count)
+    e = rng.standard_normal(count)
+    mu = bounded_multipliers(H, e)
+    slack = H @ mu - e
+    assert np.all(mu >= 0.0)
+    assert np.all(slack >= -1e-8)
+    assert np.abs(mu * slack).max() < 1e-5 * (1 + np.abs(mu).max())
 
 
 @pytest.mark.parametrize("H", [-np.eye(3), np.diag([1.0, 1.0, -1.0]), np.full((3, 3), np.nan)])

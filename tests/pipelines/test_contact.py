@@ -3,60 +3,56 @@
 import numpy as np
 import pytest
 from experiments.contact.cycle_time import time_cycles
-from pydrake.common.value import Value
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.sensors import ImageDepth32F
+from measured_loop import contact_loop, see
 
 from saphari_drake.messages import InteractionMode
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.pipelines.contact import ContactPipelineParameters, add_contact_pipeline
+from saphari_drake.pipelines.contact import ContactPipelineParameters
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 
 @pytest.fixture(scope="module")
-def pipeline():
-    builder = DiagramBuilder()
-    parts = add_contact_pipeline(builder, lwr4(), CameraParameters())
-    builder.ExportInput(parts.state_input, "state")
-    builder.ExportInput(parts.depth_input, "depth_image")
-    builder.ExportInput(parts.image_time_input, "image_time")
-    builder.ExportOutput(parts.torque_output, "torque_commanded")
-    return parts, builder.Build()
+def loop():
+    return contact_loop(lwr4())
 
 
-def test_three_inputs_make_one_torque(pipeline):
-    """All other ports are connected; sizes are 2n, image, 1 and n."""
-    _, diagram = pipeline
-    assert diagram.num_input_ports() == 3
-    assert diagram.GetInputPort("state").size() == 14
-    assert diagram.GetInputPort("image_time").size() == 1
-    assert diagram.GetOutputPort("torque_commanded").size() == 7
-
-
-def test_the_torque_does_not_depend_on_the_state_between_samples(pipeline):
-    """No direct feedthrough: what reaches the joints is a function of held samples."""
-    _, diagram = pipeline
-    assert not diagram.HasAnyDirectFeedthrough()
-
-
-def test_at_rest_the_torque_is_gravity(pipeline):
+def test_at_rest_the_torque_is_gravity_and_a_camera_that_is_overdue_stops(loop):
     """Holding its posture at rest, before any frame is overdue, the arm carries its weight and nothing else."""
-    parts, diagram = pipeline
-    robot = lwr4()
-    simulator = Simulator(diagram)
-    context = simulator.get_mutable_context()
-    diagram.GetInputPort("state").FixValue(context, np.r_[robot.home, np.zeros(7)])
-    diagram.GetInputPort("depth_image").FixValue(context, Value[ImageDepth32F](ImageDepth32F(640, 480)))
-    diagram.GetInputPort("image_time").FixValue(context, [-1.0])
-    simulator.AdvanceTo(0.05)
-    torque = diagram.GetOutputPort("torque_commanded").Eval(context)
-    np.testing.assert_allclose(torque, evaluate_dynamics(robot, robot.home, np.zeros(7)).g, atol=0.02)
-    assert parts.monitor.GetOutputPort("mode").Eval(parts.monitor.GetMyContextFromRoot(context))[0] == 0.0
-    simulator.AdvanceTo(0.15)  # no frame came: the camera is overdue
-    mode = parts.monitor.GetOutputPort("mode").Eval(parts.monitor.GetMyContextFromRoot(context))[0]
-    assert mode == InteractionMode.STOP
+    loop.restart()
+    torques, _ = loop.run(50)
+    robot, monitor = loop.robot, loop.pipeline.monitor
+    np.testing.assert_allclose(torques[-1], evaluate_dynamics(robot, robot.home, np.zeros(7)).g, atol=0.02)
+    assert loop.read(monitor, "mode") == InteractionMode.HOLD
+    loop.run(100)  # no frame came
+    assert loop.read(monitor, "mode") == InteractionMode.STOP
+
+
+def test_the_observer_is_fed_what_is_applied(loop):
+    """A push from outside is all that it finds: also while the torque limit cuts."""
+    loop.restart()
+    loop.run(300, see)
+    push = np.array([0.0, 8.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+    loop.spoil(push=push)
+    loop.run(100, see)
+    np.testing.assert_allclose(loop.read(loop.pipeline.observer, "torque_external"), push, atol=0.5)
+    assert loop.read(loop.pipeline.detector, "contact") == 1.0
+
+
+def test_torque_changes_with_the_cycle_alone(loop):
+    """What reaches the joints is a function of held samples: equal over each 5 ms, whatever the arm does between."""
+    loop.restart()
+    loop.run(100, see)
+    loop.spoil(push=np.full(7, 2.0))
+    torques, _ = loop.run(100, see)
+    changes = np.flatnonzero(np.any(np.diff(torques, axis=0) != 0.0, axis=1))
+    assert len(changes) > 10 and np.all((changes - changes[0]) % 5 == 0)
+
+
+@pytest.mark.parametrize("part", ["observer", "detector", "monitor", "controller", "switch"])
+def test_parts_take_the_period_of_the_pipeline(part):
+    params = ContactPipelineParameters(period=0.002)
+    assert getattr(params, part).period == 0.002
 
 
 def test_cycles_are_timed_one_by_one():

@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from saphari_drake.errors import StateError
 from saphari_drake.robots.catalog import lwr4 as load_lwr4
-from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor
 
 
@@ -24,7 +24,7 @@ def test_gravity_torque_with_the_arm_held_out(lwr4):
 
 
 def test_flange_is_1178_mm_above_the_base_when_stretched(lwr4):
-    flange = point_position(lwr4, np.zeros(7), lwr4.link_index("link_7"), np.zeros(3))
+    flange = lwr4.kinematics(np.zeros(7)).p_WL[lwr4.link_index("link_7")]
     np.testing.assert_allclose(flange, [0.0, 0.0, 1.1785], atol=1e-12)
 
 

@@ -5,11 +5,12 @@ import pytest
 from bench import PERIOD, Bench
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.messages import SystemStatus
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters, residual_noise
 
 
 def detector(residual=0.0, **params):
-    return Bench(ContactDetector(7, ContactDetectorParameters(**params)), residual=joint(residual))
+    return Bench(ContactDetector(7, ContactDetectorParameters(**params)), torque_external=joint(residual))
 
 
 def joint(value, index=3):
@@ -24,9 +25,9 @@ def joint(value, index=3):
 def test_contact_from_the_threshold_on_without_delay(index, sign):
     """In any joint, in either direction, in the same cycle."""
     bench = detector(threshold=1.5)
-    bench.set(residual=joint(sign * 1.499, index))
+    bench.set(torque_external=joint(sign * 1.499, index))
     assert bench.read("contact") == 0.0
-    bench.set(residual=joint(sign * 1.5, index))
+    bench.set(torque_external=joint(sign * 1.5, index))
     assert bench.read("contact") == 1.0
 
 
@@ -34,7 +35,7 @@ def test_each_joint_has_its_threshold():
     thresholds = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
     bench = detector(threshold=thresholds)
     for index, threshold in enumerate(thresholds):
-        bench.set(residual=joint(0.9 * threshold, index))
+        bench.set(torque_external=joint(0.9 * threshold, index))
         assert bench.read("ratio") == pytest.approx(0.9)
         assert bench.read("contact") == 0.0
 
@@ -42,20 +43,20 @@ def test_each_joint_has_its_threshold():
 def test_stays_between_release_level_and_threshold():
     """Once touched, a residual above the release ratio keeps the contact for any time; untouched, it makes none."""
     bench = detector(threshold=1.0, release_ratio=0.5)
-    bench.run(100, residual=joint(0.7))
+    bench.run(100, torque_external=joint(0.7))
     assert bench.read("contact") == 0.0
-    bench.run(residual=joint(1.0))
-    bench.run(100, residual=joint(0.5))
+    bench.run(torque_external=joint(1.0))
+    bench.run(100, torque_external=joint(0.5))
     assert bench.read("contact") == 1.0
 
 
 @pytest.mark.parametrize("release_time", [0.05, 0.02])
 def test_released_after_the_release_time(release_time):
     bench = detector(release_time=release_time)
-    bench.run(residual=joint(2.0))
+    bench.run(torque_external=joint(2.0))
     cycles = round(release_time / PERIOD)
     for _ in range(cycles - 1):
-        bench.run(residual=joint(0.1))
+        bench.run(torque_external=joint(0.1))
         assert bench.read("contact") == 1.0
     bench.run(2)
     assert bench.read("contact") == 0.0
@@ -63,19 +64,19 @@ def test_released_after_the_release_time(release_time):
 
 def test_release_time_starts_again_when_the_residual_rises():
     bench = detector(release_time=0.05)
-    bench.run(residual=joint(2.0))
+    bench.run(torque_external=joint(2.0))
     for _ in range(10):
-        bench.run(8, residual=joint(0.1))
-        bench.run(residual=joint(0.6))
+        bench.run(8, torque_external=joint(0.1))
+        bench.run(torque_external=joint(0.6))
         assert bench.read("contact") == 1.0
-    bench.run(12, residual=joint(0.1))
+    bench.run(12, torque_external=joint(0.1))
     assert bench.read("contact") == 0.0
 
 
 def test_no_release_time_releases_in_one_cycle():
     bench = detector(release_time=0.0)
-    bench.run(residual=joint(2.0))
-    bench.set(residual=joint(0.0))
+    bench.run(torque_external=joint(2.0))
+    bench.set(torque_external=joint(0.0))
     bench.run()
     assert bench.read("contact") == 0.0
 
@@ -84,11 +85,11 @@ def test_noise_raises_the_threshold_to_its_multiple():
     """Never below the given threshold, and joint by joint."""
     noise = joint(0.5)
     bench = detector(threshold=1.0, noise=list(noise), noise_multiple=6.0)
-    bench.set(residual=joint(2.9))
+    bench.set(torque_external=joint(2.9))
     assert bench.read("contact") == 0.0
-    bench.set(residual=joint(3.0))
+    bench.set(torque_external=joint(3.0))
     assert bench.read("contact") == 1.0
-    bench.set(residual=joint(1.0, index=0))
+    bench.set(torque_external=joint(1.0, index=0))
     assert bench.read("contact") == 1.0
 
 
@@ -101,27 +102,29 @@ def test_measured_noise_gives_no_false_contact():
     samples = rng.normal(size=(20000, 7)) * sigma
     quiet, eager = detector(noise=list(noise)), detector()
     for scale, bench, contact in ((sigma, quiet, 0.0), (np.ones(7), eager, 1.0)):
-        bench.set(residual=samples[np.argmax(np.max(np.abs(samples) / scale, axis=1))])
+        bench.set(torque_external=samples[np.argmax(np.max(np.abs(samples) / scale, axis=1))])
         assert bench.read("contact") == contact
 
 
 def test_lost_residual_is_no_proof_that_nobody_touches():
     """NaN counts as contact: an element of safety fails to the safe side."""
     bench = detector()
-    bench.set(residual=joint(np.nan))
-    assert bench.read("contact") == 1.0
+    bench.set(torque_external=joint(np.nan))
+    assert bench.read("contact") == 1.0 and bench.read("system_status") == SystemStatus.BAD_INPUT
     bench.run()
-    bench.set(residual=joint(0.0))
-    assert bench.read("contact") == 1.0
+    bench.set(torque_external=joint(0.0))
+    assert bench.read("contact") == 1.0 and bench.read("system_status") == SystemStatus.OK
+    bench.run(20)
+    assert bench.read("contact") == 0.0
 
 
 def test_clone_of_the_context_goes_on_by_itself():
     bench = detector()
-    bench.run(residual=joint(2.0))
+    bench.run(torque_external=joint(2.0))
     twin = bench.clone()
-    bench.run(20, residual=joint(0.0))
+    bench.run(20, torque_external=joint(0.0))
     assert bench.read("contact") == 0.0
-    twin.set(residual=joint(0.0))
+    twin.set(torque_external=joint(0.0))
     assert twin.read("contact") == 1.0
     twin.run(20)
     assert twin.read("contact") == 0.0

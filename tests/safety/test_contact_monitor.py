@@ -5,7 +5,7 @@ import pytest
 from bench import PERIOD, Bench
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import CameraStatus, ContactPoint, InteractionMode
+from saphari_drake.messages import CameraStatus, ContactPoint, InteractionMode, SystemStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.safety.contact_monitor import ContactMonitor, ContactMonitorParameters
 
@@ -309,3 +309,43 @@ def test_clone_of_the_context_goes_on_by_itself(touched):
 def test_bad_parameters(name, bad):
     with pytest.raises(ParameterError, match=name):
         ContactMonitorParameters(**{name: bad})
+
+
+# ---- inputs that cannot be used --------------------------------------------------------------------------------------
+
+
+def test_a_state_that_is_not_known_stops_until_it_has_been_known_for_a_while(touched):
+    """Nothing of it is latched; then the posture is held where the arm is."""
+    before = touched.interaction.q_latched
+    touched.set(dynamics=touched.terms(0.0).unknown())
+    assert touched.read("system_status") == SystemStatus.BAD_INPUT
+    for cycles in (1, 50):
+        assert touched.after(cycles) == STOP
+        np.testing.assert_array_equal(touched.interaction.q_latched, before)
+    assert touched.after(bent=0.1, touched=0.0, point=NOTHING) == STOP
+    assert touched.after(round(PARAMS.camera_recovery_time / PERIOD) + 1) == HOLD
+    np.testing.assert_array_equal(touched.interaction.q_latched, touched.terms(0.1).q)
+
+
+def test_a_state_that_is_not_known_at_the_start_stops(lwr4):
+    """Home, where the arm may not be, is no posture to hold."""
+    terms = evaluate_dynamics(lwr4, lwr4.home + 0.3, np.zeros(7))
+    bench = Bench(ContactMonitor(lwr4), dynamics=terms.unknown(), contact=0.0, contact_point=NOTHING,
+                  camera_status=CameraStatus.OK)  # fmt: skip
+    assert bench.read("mode") == STOP
+    bench.run(200, dynamics=terms)
+    assert bench.read("mode") == HOLD
+    np.testing.assert_array_equal(bench.read("interaction").q_latched, terms.q)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_values_that_are_not_finite_fall_to_the_safe_side(situation, bad):
+    """A touch that is no number is one, a point that is none is not seen, a camera status that is none no camera."""
+    assert situation().after(touched=bad) == YIELD
+    for point in (
+        ContactPoint(True, 4, np.array([bad, 0.0, 0.0])),
+        ContactPoint(True, 9, np.zeros(3)),
+        ContactPoint(True),
+    ):
+        assert situation().after(touched=1.0, point=point) == YIELD
+    assert situation().after(camera=bad) == STOP

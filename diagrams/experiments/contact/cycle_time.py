@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import PassThrough
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.pipelines.contact import ContactPipelineParameters, add_contact_pipeline
+from saphari_drake.pipelines.contact import ContactMeasurements, ContactPipelineParameters, add_contact_pipeline
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 
 Array = NDArray[np.float64]
 
@@ -42,10 +44,13 @@ def time_cycles(
         Wall time of each cycle, and whether it had a new frame to localize.
     """
     builder = DiagramBuilder()
-    pipeline = add_contact_pipeline(builder, robot, camera, params, background)
-    state = builder.ExportInput(pipeline.state_input, "state")
-    image = builder.ExportInput(pipeline.depth_input, "depth_image")
-    stamp = builder.ExportInput(pipeline.image_time_input, "image_time")
+    period, last = params.period, -np.inf
+    joints = builder.AddSystem(JointSensor(robot, JointSensorParameters(period)))
+    frames = builder.AddSystem(PassThrough(Value[ImageDepth32F](ImageDepth32F(camera.width, camera.height))))
+    times = builder.AddSystem(PassThrough(1))
+    ports = joints.get_output_port(0), joints.get_output_port(1), frames.get_output_port(), times.get_output_port()
+    pipeline = add_contact_pipeline(builder, robot, ContactMeasurements(*ports), camera, params, background)
+    state, image, stamp = (builder.ExportInput(system.get_input_port()) for system in (joints, frames, times))
     builder.ExportOutput(pipeline.torque_output, "torque")
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -57,7 +62,6 @@ def time_cycles(
     diagram.get_input_port(stamp).FixValue(context, [-1.0])
     torque = diagram.get_output_port(0)
     simulator.Initialize()
-    period, last = params.joint_sensor.period, -np.inf
     seconds, with_frame = np.zeros(len(states)), np.zeros(len(states), dtype=bool)
     for k, sample in enumerate(states):
         now = k * period

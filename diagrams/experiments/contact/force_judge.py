@@ -5,13 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.contact.judge import Touch, steady
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.messages import ForceStatus
+from experiments.contact.judge import Touch, find_touches, localization_metrics, steady
+from experiments.contact.run import ContactSetup
+from saphari_drake.control.contact.gate import ForceStatus
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
+from saphari_drake.control.contact.stability import hand_stiffness_limits
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.runner.results import Metric
 
 Array = NDArray[np.float64]
 REST = 0.3  # s after a release from which on the robot has to be at rest
@@ -39,7 +42,7 @@ def true_velocity(log: Log, robot: RobotModel) -> Array:
     for i in np.flatnonzero(log["active_link"][:, 0] >= 0):
         terms = evaluate_dynamics(robot, log["position"][i], log["velocity"][i])
         link = int(log["active_link"][i, 0])
-        p_LC = terms.R_WL[link].T @ (log["contact_position"][i] - terms.p_WL[link])
+        p_LC = terms.in_link(link, log["contact_position"][i])
         velocity[i] = terms.point(link, p_LC).v_WC
     return velocity
 
@@ -105,7 +108,7 @@ def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactFor
     for k, row in enumerate(drift.rows[:-1]):
         terms = evaluate_dynamics(robot, log["position"][row], log["velocity"][row])
         link = int(log["active_link"][row, 0])
-        J = terms.point(link, terms.R_WL[link].T @ (log["contact_position"][row] - terms.p_WL[link])).Jv_WC
+        J = terms.point(link, terms.in_link(link, log["contact_position"][row])).Jv_WC
         M_inv_JT = np.linalg.solve(terms.M, J.T)
         mobility = J @ M_inv_JT
         M_d_inv = np.linalg.inv(positive_definite(params.M_d, 3, "M_d")) if len(params.M_d) else mobility
@@ -114,3 +117,85 @@ def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactFor
         beside = mobility @ (F - estimate) + M_inv_JT.T @ log["transition"][row]
         v = v + (log.time[drift.rows[k + 1]] - log.time[row]) * (M_d_inv @ wanted + beside)
     return np.asarray(v)
+
+
+def judged(setup: ContactSetup, log: Log) -> list[Metric]:
+    """Return the metrics of the contract, and those that explain them."""
+    robot, pipeline = setup.robot, setup.scenario.system.pipeline
+    control, K_I = pipeline.controller, float(np.min(pipeline.observer.gain))
+    touches = find_touches(log, robot, setup.pushes)
+    speed = np.linalg.norm(true_velocity(log, robot), axis=1)
+    metrics = (
+        drift_metrics(setup, log, touches)
+        if control.direction == "fixed"
+        else force_metrics(log, touches, control.desired_force)
+    )
+    still = max(motion(log, robot, rows) for rows in untouched(log))
+    jump = np.abs(np.diff(log["torque"], axis=0)).max()
+    return [
+        *metrics,
+        Metric("motion_without_touch_m", still, "m", high=0.001, reported="at rest"),
+        Metric("max_speed", float(speed.max()), "m/s", high=control.speed_limit),
+        # Below the stated stiffness of the hand, force control can oscillate with it, and a warning says so.
+        Metric(
+            "hand_stiffness_limit",
+            float(hand_stiffness_limits(control, K_I).min()),
+            "N/m",
+            low=control.hand_stiffness,
+            decides=False,
+        ),
+        # A push that grows slowly where its lever is short is felt late: the detector's threshold is 1 Nm.
+        *localization_metrics(log, touches, answered=False),
+        Metric("torque_step_max_Nm", float(jump), "Nm"),
+    ]
+
+
+def force_metrics(log: Log, touches: list[Touch], desired: float) -> list[Metric]:
+    """Return the error of the contact force's size (N), and the size in each touch.
+
+    On links 1 to 3 joint torques show a part of the force alone. That part is controlled, and decides; the whole force
+    stands beside it.
+    """
+    metrics, errors, whole_errors = [], [], []
+    for touch in touches:
+        shown, whole, estimated = steady_norms(log, touch)
+        errors.append(abs(shown - desired))
+        whole_errors.append(abs(whole - desired))
+        name = touch.push.link
+        metrics.append(Metric(f"force_norm_{name}_N", shown, "N", reported="15 N"))
+        if abs(whole - shown) > 0.01:
+            metrics.append(Metric(f"force_norm_{name}_with_unobservable_N", whole, "N"))
+        metrics.append(Metric(f"force_estimate_norm_{name}_N", estimated, "N"))
+    return [
+        Metric("force_norm_error_N", float(np.max(errors)), "N", high=0.5, reported="about 1 N"),
+        Metric("force_norm_error_whole_N", float(np.max(whole_errors)), "N", high=0.5, decides=False),
+        *metrics,
+    ]
+
+
+def drift_metrics(setup: ContactSetup, log: Log, touches: list[Touch]) -> list[Metric]:
+    """Return the error of the force that is resisted, and the drift along the one that is not."""
+    control = setup.scenario.system.pipeline.controller
+    wanted = np.array(control.fixed_force)
+    unit, size = wanted / np.linalg.norm(wanted), float(np.linalg.norm(wanted))
+    rows = steady(log, touches[0])
+    held = float((log["contact_truth"][rows, :3] @ unit).mean())
+    drift = find_drift(log, setup.robot, touches[1])
+    velocity, expected = drift.velocity[-1], expected_drift(log, setup.robot, drift, control)
+    time = float(log.time[drift.rows[-1]] - log.time[drift.rows[0]])
+    axis = int(np.argmax(np.abs(unit)))
+    K_f, K_d = np.broadcast_to(control.K_f, 3)[axis], np.broadcast_to(control.K_d, 3)[axis]
+    cosine = velocity @ expected / (np.linalg.norm(velocity) * np.linalg.norm(expected))
+    metrics = [
+        Metric("force_along_desired_error_N", abs(held - size), "N", high=0.5, reported="regulated"),
+        Metric("drift_speed", -velocity @ unit, "m/s", low=0.0, reported="drifts against F_d"),
+        Metric("drift_speed_expected", -expected @ unit, "m/s"),
+        Metric("drift_speed_error_relative", abs((velocity @ unit) / (expected @ unit) - 1.0), "1", high=0.1),
+        Metric("drift_direction_error_rad", float(np.arccos(min(cosine, 1.0))), "rad", high=0.2),
+        Metric("drift_time_s", time, "s"),
+        Metric("drift_stopped", float(drift.stopped), "1", 1.0, 1.0),
+    ]
+    if len(control.M_d):
+        free = free_drift_speed(size, K_f, K_d, control.M_d[axis], np.array(time))
+        metrics.append(Metric("drift_speed_without_transition", float(free), "m/s"))
+    return metrics

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import SensorError
 from saphari_drake.messages import InteractionMode
-from saphari_drake.robots.dynamics import point_position
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
@@ -76,9 +75,7 @@ def find_touches(log: Log, robot: RobotModel, pushes: Sequence[Push]) -> list[To
 
 def in_link(robot: RobotModel, q: Array, link: int, p_W: Array) -> Array:
     """Return a point of the world (m) in the frame of a link."""
-    origin = point_position(robot, q, link, np.zeros(3))
-    R_WL = np.column_stack([point_position(robot, q, link, axis) - origin for axis in np.eye(3)])
-    return np.asarray(R_WL.T @ (p_W - origin))
+    return robot.kinematics(q).in_link(link, p_W)
 
 
 def steady(log: Log, touch: Touch) -> NDArray[np.intp]:
@@ -166,8 +163,8 @@ def detection_delay(log: Log, touch: Touch) -> float:
 
 def deflection(log: Log, robot: RobotModel, touch: Touch, rows: Sequence[int] | NDArray[np.intp]) -> Array:
     """Return how far the touched point of the body is from where it was before the touch (m, world), (k, 3)."""
-    before = point_position(robot, log["position"][max(touch.onset - 1, 0)], touch.link, touch.p_LC)
-    return np.array([point_position(robot, log["position"][i], touch.link, touch.p_LC) - before for i in rows])
+    before = robot.kinematics(log["position"][max(touch.onset - 1, 0)]).position(touch.link, touch.p_LC)
+    return np.array([robot.kinematics(q).position(touch.link, touch.p_LC) - before for q in log["position"][rows]])
 
 
 def deflection_error(log: Log, robot: RobotModel, touch: Touch, K_p: Array) -> float:

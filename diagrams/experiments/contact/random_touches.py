@@ -12,7 +12,7 @@ from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,8 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
     rng = np.random.default_rng(seed)
     name = params.links[int(rng.integers(len(params.links)))]
     link = robot.link_index(name)
-    force, radius = rng.uniform(*params.force), rng.uniform(*params.finger_radius)
+    (low, high), (thin, thick) = params.force, params.finger_radius
+    force, radius = rng.uniform(low, high), rng.uniform(thin, thick)
     for _ in range(_DRAWS):
         reach = np.deg2rad(params.posture)
         home = np.rad2deg(np.clip(robot.home + rng.uniform(-reach, reach, robot.n), robot.q_min, robot.q_max))

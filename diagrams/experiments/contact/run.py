@@ -1,22 +1,31 @@
-"""What every experiment in the contact cell does alike: load, aim, record, run, time and replay."""
+"""What every experiment in the contact cell does alike: aim, build, record, run, time and replay."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from experiments.contact.cell import ContactCell, ContactCellParameters, learn_background
+from experiments.contact.cell import ContactCell, ContactCellParameters, add_contact_cell, learn_background
 from experiments.contact.cycle_time import time_cycles
+from saphari_drake.messages import InteractionMode
+from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.people.recorded_push import RecordedPush
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Log, Metric, RunOptions, advance
-from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
-from saphari_drake.simulation.world.cell import add_cell, contact_truth
+from saphari_drake.simulation.record.robot import record_limits, record_robot
+from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
+from saphari_drake.simulation.view.replay import Arrow, Marker, show, write_replay
+from saphari_drake.simulation.world.cell import Cell, contact_truth
 
 Array = NDArray[np.float64]
 BLUE, GREEN = (0.0, 0.25, 0.80), (0.0, 0.62, 0.45)
@@ -48,14 +57,46 @@ def aimed(pushes: Sequence[Push], seed: int, spread: float) -> list[Push]:
     return [replace(push, aim=list(np.add(push.aim, offset))) for push, offset in zip(pushes, offsets)]
 
 
+@dataclass
+class ContactSetup:
+    """A diagram and what is needed to run and judge it."""
+
+    scenario: Any
+    robot: RobotModel
+    pushes: list[Push]
+    diagram: Diagram
+    parts: ContactCell
+    recorder: Recorder  # every cycle
+    fast: Recorder  # every step of the plant
+    duration: float  # s
+    recorded: RecordedPush | None = None
+
+
+def build_contact(
+    scenario: Any,
+    pushes: list[Push],
+    record: Callable[[Recorder, ContactCell], None],
+    meshcat: Meshcat | None = None,
+    recorded: RecordedPush | None = None,
+) -> ContactSetup:
+    """Build the diagram of a `ContactScenario`; `record` adds to its recorder what this controller has."""
+    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    scenario.system.sampler.noise.seed = scenario.seed
+    builder = DiagramBuilder()
+    profile = recorded.profile if recorded else None
+    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
+    recorder = record_contact(builder, parts, scenario.system.pipeline.period)
+    record(recorder, parts)
+    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
+    show(builder, parts.cell.scene_graph, meshcat)
+    return ContactSetup(scenario, robot, pushes, builder.Build(), parts, recorder, fast, scenario.duration, recorded)
+
+
 def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -> Recorder:
     """Record, once a cycle, what the figures and the judgement of every controller need."""
-    recorder, cell, p = Recorder(builder, period), parts.cell, parts.pipeline
-    n, num_positions = cell.robot.n, cell.plant.num_positions()
-    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
-    recorder.add("residual", p.observer.GetOutputPort("residual"), "Nm")
+    cell, p = parts.cell, parts.pipeline
+    recorder = record_robot(builder, cell, period)
+    recorder.add("residual", p.observer.GetOutputPort("torque_external"), "Nm")
     recorder.add("contact", p.detector.GetOutputPort("contact"), "1")
     recorder.add("mode", p.monitor.GetOutputPort("mode"), "InteractionMode")
     recorder.add("active_link", p.monitor.GetOutputPort("active_contact"), "index", lambda c: [c.link])
@@ -64,57 +105,48 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     recorder.add("force_rank", p.force.GetOutputPort("rank"), "1")
     recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
     recorder.add("torque", p.torque_output, "Nm")
-    recorder.add("torque_excess", p.controller.GetOutputPort("torque_excess"), "Nm")
-    truth = cell.plant.get_contact_results_output_port()
-    recorder.add("contact_truth", truth, "N, m, index", lambda results: contact_truth(results, cell), 7)
+    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("contact_truth", cell.contact_results, "N, m, index", lambda results: contact_truth(results, cell), 7)
     return recorder
 
 
-def record_velocity(builder: DiagramBuilder, parts: ContactCell) -> Recorder:
-    """Record the joint velocities at every millisecond, for `limit_metrics`."""
-    recorder, n = Recorder(builder, 0.001), parts.cell.robot.n
-    recorder.add("velocity_1ms", parts.cell.robot_state, "rad/s", lambda x: x[n:])
-    return recorder
+def run_contact(
+    setup: ContactSetup,
+    options: RunOptions,
+    judged: Callable[[ContactSetup, Log], list[Metric]],
+    draw: Callable[[ContactSetup, Log], Figure],
+    replay: Callable[[ContactSetup, Log, Path], None],
+) -> Outcome:
+    """Run a diagram and judge it by `judged`, by the joints' limits, and by the clock."""
+    scenario, parts, first = setup.scenario, setup.parts, setup.pushes[0]
+    run = Simulation(setup.diagram, scenario.case, options)
+    context = run.to(min(first.start + min(first.hold, 2.5), setup.duration))
+    depth = parts.sampler.GetOutputPort("depth_image").Eval(parts.sampler.GetMyContextFromRoot(context)).data[..., 0]
+    frame = depth.copy()
+    run.to(setup.duration)
+    log, fast = run.log(setup.recorder), run.log(setup.fast)
+    metrics = [
+        *judged(setup, log),
+        *limit_metrics(setup.robot, fast["velocity"], fast["torque_excess"]),
+        *timing(setup.robot, scenario.system, log, frame),
+        Metric("real_time_factor", run.real_time_factor, "1", 0.25, decides=False),
+    ]
+    return Outcome(metrics, log, lambda: draw(setup, log), lambda path: replay(setup, log, path))
 
 
-def simulate(
-    diagram: Diagram, parts: ContactCell, pushes: Sequence[Push], duration: float, label: str, options: RunOptions
-) -> tuple[Simulator, NDArray[np.float32], float]:
-    """Run a diagram; return its simulator, the depth image (m) of the first push, and the wall time (s)."""
-    simulator = Simulator(diagram)
-    simulator.set_target_realtime_rate(options.realtime_rate)
-    simulator.Initialize()
-    first = pushes[0]
-    middle = min(first.start + min(first.hold, 2.5), duration)
-    wall = advance(simulator, middle, label)
-    image = parts.sampler.GetOutputPort("depth_image").Eval(parts.sampler.GetMyContextFromRoot(simulator.get_context()))
-    depth = image.data[..., 0].copy()
-    wall += advance(simulator, duration - middle, label)
-    return simulator, depth, wall
-
-
-def timing(
-    robot: RobotModel,
-    system: ContactCellParameters,
-    log: Log,
-    depth: NDArray[np.float32],
-    duration: float,
-    wall: float,
-) -> list[Metric]:
-    """Time the cycle on the run's own states and one of its frames, and tell how fast the run was."""
+def timing(robot: RobotModel, system: ContactCellParameters, log: Log, depth: NDArray[np.float32]) -> list[Metric]:
+    """Time the cycle on the run's own states and one of its frames."""
     states = np.hstack([log["position"], log["velocity"]])[:440]
     background = learn_background(robot, system, 1)
     seconds, _ = time_cycles(robot, system.camera, system.pipeline, states, depth, background)
     return [
         Metric("cycle_ms_median", 1e3 * float(np.median(seconds)), "ms", high=2.0, reported="5 ms cycle"),
         Metric("cycle_ms_p95", 1e3 * float(np.percentile(seconds, 95)), "ms", high=3.0, reported="5 ms cycle"),
-        Metric("real_time_factor", duration / wall, "1", 0.25, decides=False),
     ]
 
 
 def replay_contact(
-    robot: RobotModel,
-    system: ContactCellParameters,
+    cell: Cell,
     log: Log,
     path: Path,
     title: str,
@@ -122,11 +154,7 @@ def replay_contact(
     camera: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.85, 1.2, 0.95), (0.0, 0.4, 0.55)),
 ) -> None:
     """Write the run as a page that plays offline: arm, hand, estimated contact, estimated and true force."""
-
-    def plant(builder: DiagramBuilder):
-        return add_cell(builder, robot, system.cell).plant
-
-    answered = (log["mode"][:, 0] == 1) | (log["mode"][:, 0] == 2)
+    answered = np.isin(log["mode"][:, 0], (InteractionMode.CONTACT, InteractionMode.RETURN))
     truth, scale = log["contact_truth"], ARROW_SCALE
     touched = np.linalg.norm(truth[:, :3], axis=1) > 0.0
     # Arrows end at the contact, as a push does.
@@ -137,4 +165,4 @@ def replay_contact(
         Arrow("true force", truth[:, 3:6] - scale * truth[:, :3], truth[:, :3], scale, GREEN, touched, 0.004),
         *more,
     ]
-    write_replay(path, plant, log.time, log["plant_position"], overlays, camera=camera, title=title)
+    write_replay(path, cell.copy_to, log.time, log["plant_position"], overlays, camera=camera, title=title)

@@ -3,12 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from saphari_drake.parameters import require_choice, require_positive
+from saphari_drake.parameters import require_choice
 from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
 from saphari_drake.pipelines.hand_guiding import (
@@ -24,19 +21,18 @@ from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSens
 from saphari_drake.simulation.sensors.skin_indenter import indent
 from saphari_drake.simulation.sensors.skin_modules import SkinModules
 from saphari_drake.simulation.sensors.skin_sensor import SkinSensor, SkinSensorParameters
-from saphari_drake.simulation.world.cell import connect_torque, ignore_self_contact
-from saphari_drake.simulation.world.hand_and_floor import add_floor
+from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.floor import Floor
+from saphari_drake.simulation.world.plant import PlantParameters
 from saphari_drake.simulation.world.position_servo import JointPositionServo, PositionServoParameters
 
 INTERFACES = ("torque", "position")
 
 
 @dataclass
-class GuidingCellParameters:
+class GuidingCellParameters(PlantParameters):
     """World, sensors and pipeline, whose period all take, and the wrist sensor its joint, whatever theirs were."""
 
-    # s; step of the discrete plant.
-    time_step: float = 0.001
     # What the arm takes: torque, or position, to which its own stiff servo then holds.
     interface: str = "torque"
     servo: PositionServoParameters = field(default_factory=PositionServoParameters)
@@ -48,7 +44,7 @@ class GuidingCellParameters:
     pipeline: HandGuidingPipelineParameters = field(default_factory=HandGuidingPipelineParameters)
 
     def __post_init__(self) -> None:
-        require_positive(self, "time_step")
+        super().__post_init__()
         require_choice(self, "interface", INTERFACES)
         for part in (self.servo, self.joint_sensor, self.skin_sensor, self.force_sensor):
             part.period = self.pipeline.period
@@ -59,27 +55,10 @@ class GuidingCellParameters:
 class GuidingCell:
     """What `add_guiding_cell` put into a diagram."""
 
-    robot: RobotModel
-    plant: MultibodyPlant
-    scene_graph: SceneGraph
-    robot_state: OutputPort
+    cell: Cell
     hands: GuidingHands
     pipeline: HandGuidingPipeline
     torque_excess: OutputPort  # of the system that drives the joints
-
-
-def add_guided_robot(
-    builder: DiagramBuilder, robot: RobotModel, params: GuidingCellParameters
-) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex, InputPort]:
-    """Add the plant with the robot at its home posture; return it, with the input of its joint torques."""
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, params.time_step)
-    plant.set_name("plant")
-    instance = robot.add_to(plant)
-    add_floor(plant)
-    plant.Finalize()
-    plant.SetDefaultPositions(instance, robot.home)
-    ignore_self_contact(plant, scene_graph, instance)
-    return plant, scene_graph, instance, connect_torque(builder, robot, plant, instance)
 
 
 def skin_calibration(layout: SkinLayout, params: GuidingCellParameters) -> SkinCalibration:
@@ -96,8 +75,8 @@ def add_guiding_cell(
     def add(name: str, system: LeafSystem):
         return builder.AddNamedSystem(name, system)
 
-    plant, scene_graph, instance, torque_input = add_guided_robot(builder, robot, params)
-    state = plant.get_state_output_port(instance)
+    cell = add_cell(builder, robot, [Floor()], params)
+    plant, instance, state = cell.plant, cell.instance, cell.robot_state
     hands = add("hands", GuidingHands(robot, plant, instance, grips, params.time_step))
     joints = add("joint_sensor", JointSensor(robot, params.joint_sensor))
     skin = add("skin_sensor", SkinSensor(layout, robot, plant, instance, params.skin_sensor))
@@ -117,11 +96,12 @@ def add_guiding_cell(
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
-    driving: LeafSystem = pipeline.controller
+    driving, torque = pipeline.limit, pipeline.torque_output
     if params.interface == "position":
         driving = add("position_servo", JointPositionServo(robot, params.servo))
         builder.Connect(state, driving.GetInputPort("state"))
         builder.Connect(pipeline.position_output, driving.GetInputPort("position_commanded"))
-    builder.Connect(driving.GetOutputPort("torque_commanded"), torque_input)
+        torque = driving.GetOutputPort("torque_commanded")
+    builder.Connect(torque, cell.torque_input)
     excess = driving.GetOutputPort("torque_excess")
-    return GuidingCell(robot, plant, scene_graph, state, hands, pipeline, excess)
+    return GuidingCell(cell, hands, pipeline, excess)

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
 
-from experiments.guiding.cell import add_guided_robot
 from experiments.guiding.judge import true_force, true_velocity
 from experiments.guiding.run import GuidingRun
-from saphari_drake.messages import GuidingPriority
+from saphari_drake.control.hand_guiding.touch import GuidingPriority
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
@@ -56,9 +54,6 @@ def replay(run: GuidingRun, path: Path, title: str) -> None:
     """Write the run as a page that plays offline: arm, skin, true forces, and forces as measured on the skin."""
     setup, log = run.setup, run.log
 
-    def plant(builder: DiagramBuilder):
-        return add_guided_robot(builder, setup.robot, setup.scenario.system)[0]
-
     overlays: list[Arrow | Marker] = []
     for hand, (name, color) in enumerate((("end effector", ORANGE), ("body", BLUE))):
         point = log["truth"][:, 9 * hand + 3 : 9 * hand + 6]
@@ -72,4 +67,4 @@ def replay(run: GuidingRun, path: Path, title: str) -> None:
         ]
     target = log["truth"][0, 3:6] * np.array([0.5, 0.5, 1.0])
     camera = (target + np.array([1.0, 1.0, 0.5]), target)
-    write_replay(path, plant, log.time, log["position"], overlays, camera=camera, title=title)
+    write_replay(path, setup.cell.cell.copy_to, log.time, log["position"], overlays, camera=camera, title=title)

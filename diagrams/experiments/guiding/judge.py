@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from experiments.guiding.run import GuidingRun
 from experiments.guiding.touches import SkinTouch, skin_touches
-from saphari_drake.control.hand_guiding.law import admittance, admittance_matrices, task_inverse
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.errors import SensorError
+from saphari_drake.math.guided_motion import admittance, admittance_matrices, task_inverse
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
 

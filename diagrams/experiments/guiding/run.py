@@ -1,43 +1,37 @@
 """Runs of the guiding cell: scenario, hands, recording, and the runs that a case is compared with."""
 
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.analysis import Simulator
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.guiding.cell import GuidingCell, GuidingCellParameters, add_guiding_cell
-from saphari_drake.errors import ParameterError, SensorError
+from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.people.force_recording import ForceRecording, read_force_recording
+from saphari_drake.simulation.people.force_recording import ForceRecording, RecordingParameters
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import RunOptions, advance
+from saphari_drake.simulation.record.robot import record_limits, record_robot
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
+from saphari_drake.simulation.view.replay import show
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class GuidingRecordingParameters:
+class GuidingRecordingParameters(RecordingParameters):
     """How a recorded force is played to the end effector. All A."""
 
-    # File with the recording: CSV, NPZ or MAT; empty: the synthetic one that comes with the script.
-    file: str = ""
-    # Which run of a file that holds several.
-    index: int = 0
-    # 1/s; sample rate, if the file does not tell it (0: read it from the file).
-    rate: float = 0.0
-    # N; the recording is scaled so that its largest force has this size.
     peak: float = 8.0
     # Whether its mean is taken out, so that the arm comes back to about where it started.
     centred: bool = True
@@ -47,30 +41,20 @@ class GuidingRecordingParameters:
     longest: float = 4.8
 
     def __post_init__(self) -> None:
-        require_positive(self, "peak", "blend", "longest")
-        require_non_negative(self, "index", "rate", "start")
+        super().__post_init__()
+        require_positive(self, "blend", "longest")
+        require_non_negative(self, "start")
 
     def profile(self, recording: ForceRecording) -> tuple[Profile, float]:
-        """Return the force in the world (N) over time (s), and when it ends.
-
-        Raises
-        ------
-        SensorError
-            If the recording holds no force.
-        """
+        """Return the force in the world (N) over time (s), and when it ends."""
         length = min(recording.duration, self.longest)
         rows = recording.time <= length
-        time, force = recording.time[rows], recording.force[rows]
-        if self.centred:
-            force = force - force.mean(axis=0)
-        largest = float(np.max(np.linalg.norm(force, axis=1)))
-        if largest <= 0.0:
-            raise SensorError(f"{recording.source}: holds no force")
-        force, end = force * (self.peak / largest), self.start + length
+        part = replace(recording, time=recording.time[rows], force=recording.force[rows])
+        played, end = part.scaled(self.peak, self.centred)[0], self.start + length
 
         def at(now: float) -> Array:
             weight = min(max(min(now - self.start, end - now) / self.blend, 0.0), 1.0)
-            return weight * np.array([np.interp(now - self.start, time, column) for column in force.T])
+            return weight * played.at(now - self.start)
 
         return at, end
 
@@ -122,7 +106,7 @@ class GuidingSetup:
     diagram: Diagram
     cell: GuidingCell
     recorder: Recorder  # every cycle
-    fast_recorder: Recorder  # every step of the plant
+    fast: Recorder  # every step of the plant
 
 
 @dataclass
@@ -144,11 +128,11 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
     cell = add_guiding_cell(builder, robot, grips, system, layout)
-    recorder, fast = record(builder, cell, system.pipeline.period), Recorder(builder, system.time_step)
-    fast.add("velocity", cell.robot_state, "rad/s", lambda x: x[robot.n :])
-    fast.add("torque_excess", cell.torque_excess, "Nm")
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, cell.scene_graph, meshcat)
+    recorder, fast = (
+        record(builder, cell, system.pipeline.period),
+        record_limits(builder, cell.cell, cell.torque_excess),
+    )
+    show(builder, cell.cell.scene_graph, meshcat)
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 
 
@@ -173,17 +157,13 @@ def _grips(
     tip = X_LF @ np.asarray(system.pipeline.wrist.tip_point, dtype=float)
     profile = None
     if scenario.case == "recorded":
-        given = scenario.recording
-        source = read_force_recording(given.file or synthetic, index=given.index, rate=given.rate or None)
-        profile, _ = given.profile(source)
+        profile, _ = scenario.recording.profile(scenario.recording.read(synthetic))
     return [Grip(link, tip, hands[0], profile=profile), Grip(layout.link, p_LC, hands[1])]
 
 
 def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorder:
     """Record, once a cycle, what the figures and the judgement need."""
-    recorder, n = Recorder(builder, period), cell.robot.n
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    recorder = record_robot(builder, cell.cell, period)
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
     recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {
@@ -216,14 +196,10 @@ class GuidingRuns:
         if second_scale not in self._done:
             scenario = deepcopy(self._scenario)
             scenario.second_scale *= second_scale
-            live = self._options.meshcat if second_scale == 1.0 else None
-            setup = build(scenario, self._synthetic, live)
-            simulator = Simulator(setup.diagram)
-            simulator.set_target_realtime_rate(self._options.realtime_rate if live else 0.0)
-            simulator.Initialize()
+            options = self._options if second_scale == 1.0 else RunOptions()
+            setup = build(scenario, self._synthetic, options.meshcat)
             words = {0.0: "without the second hand", 1.0: ""}.get(second_scale, f"second force × {second_scale:g}")
-            wall = advance(simulator, scenario.duration, f"{scenario.case} {words}".strip())
-            context = simulator.get_context()
-            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
-            self._done[second_scale] = GuidingRun(setup, log, fast, wall)
+            run = Simulation(setup.diagram, f"{scenario.case} {words}".strip(), options)
+            run.to(scenario.duration)
+            self._done[second_scale] = GuidingRun(setup, run.log(setup.recorder), run.log(setup.fast), run.wall)
         return self._done[second_scale]

@@ -7,13 +7,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.localization.parameters import KINDS
 from experiments.localization.published import published_localization
+from experiments.localization.pushes import forces, torque_noise
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
-from experiments.localization.scenes import KINDS, ContactScenes, Touch
-from saphari_drake.perception.contact.law import ContactFusionLaw, Fusion
+from experiments.localization.scenes import ContactScenes, Touch
+from saphari_drake.perception.camera.frames import instant
+from saphari_drake.perception.contact.law import ContactFusionLaw
+from saphari_drake.perception.contact.places import PlaceFinder
+from saphari_drake.perception.contact.values import Fusion
 from saphari_drake.robots.dynamics import DynamicsTerms
 
 Array = NDArray[np.float64]
+
+
+class Localizer(NamedTuple):
+    """The law, and what finds places in the images of each camera."""
+
+    law: ContactFusionLaw
+    finders: list[PlaceFinder]
 
 
 class Shown(NamedTuple):
@@ -47,16 +59,16 @@ class Row(NamedTuple):
 def judged_scene(
     scenario: ContactLocalizationScenario,
     scenes: ContactScenes,
-    law: ContactFusionLaw,
+    localizer: Localizer,
     touches: list[Touch],
     images: list[NDArray[np.float32]],
     rng: np.random.Generator,
 ) -> tuple[list[Row], Shown]:
     """Play the frames of one scene into the localizer and compare its last answer with the truth of each touch."""
-    p, first = scenario.scenes, touches[0]
+    p, first, law = scenario.scenes, touches[0], localizer.law
     moving = rng.random() < scenario.moving
-    noise = scenes.torque_noise(rng, scenario.frames)
-    pushes = [scenes.forces(rng, touch, scenario.frames) for touch in touches]
+    noise = torque_noise(rng, scenes.robot.n, scenario.frames, scenes.params)
+    pushes = [forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
     memory, early = law.empty(), [NEVER] * len(touches)
     for k in range(scenario.frames):
         q = first.q + moving * first.v * k / scenario.cameras[0].rate
@@ -65,7 +77,9 @@ def judged_scene(
         forces = np.array([terms.R_WL[touch.link] @ push[k] for touch, push in zip(touches, pushes)])
         r = noise[k] + sum(terms.point(touch.link, touch.p_L).Jv_WC.T @ force for touch, force in zip(touches, forces))
         depth = [scenes.noisy(image, i, rng) for i, image in enumerate(exact)]
-        evidence = law.evidence(q, r, depth)
+        at = instant(scenes.robot, 0.0, q, r)
+        views = [finder.look(z, at.R_WL, at.p_WL, 2) for finder, z in zip(localizer.finders, depth)]
+        evidence = law.evidence(at, views)
         memory = law.remember(memory, evidence)
         true = np.array([_in_world(terms, touch) for touch in touches])
         if k == 0:
@@ -73,7 +87,7 @@ def judged_scene(
     result = law.decide(memory)
     which, error = _matched(result, terms, true)
     vision = [_in_world(terms, place, place.p_LC) for place in evidence.seen]
-    plain = published_localization(law.visions[0], depth[0], terms, r, 3.0 * p.torque_noise)
+    plain = published_localization(localizer.finders[0].camera, depth[0], terms, r, 3.0 * p.torque_noise)
     rows = []
     for k, touch in enumerate(touches):
         size, mode = float(np.linalg.norm(forces[k])), which[k]

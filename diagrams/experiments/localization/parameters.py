@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
+from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.simulation.sensors.depth_noise import DepthNoiseParameters
 
 Depth = NDArray[np.float32]
@@ -59,7 +59,7 @@ def room_depth(camera: CameraParameters, half_width: float = 2.4) -> Depth:
     """Return the depth (m) of an empty room with the floor at z = 0 and walls at ± `half_width` (m)."""
     X_WC = camera_pose(camera)
     x, y = ray_tables(camera)
-    rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1) @ X_WC.rotation().matrix().T
+    rays = back_projected(x, y, np.ones((len(y), len(x)))) @ X_WC.rotation().matrix().T
     p = X_WC.translation()
     with np.errstate(divide="ignore", invalid="ignore"):
         planes = [-p[2] / rays[..., 2], *((np.sign(rays[..., i]) * half_width - p[i]) / rays[..., i] for i in range(2))]

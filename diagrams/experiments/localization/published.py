@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.math.primitives import bounding_capsules
-from saphari_drake.perception.contact.vision import ContactVision, Depth
-from saphari_drake.perception.segmentation import distances as kernels
-from saphari_drake.perception.segmentation.regions import region_of, row_intervals
+from saphari_drake.perception.segmentation.distances import BORDER
+from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.dynamics import DynamicsTerms
 
 Array = NDArray[np.float64]
@@ -25,7 +23,7 @@ class PublishedResult(NamedTuple):
 
 
 def published_localization(
-    vision: ContactVision, depth: Depth, terms: DynamicsTerms, r: Array, threshold: float, removal: float = 0.02
+    camera: RobotFilter, depth: Depth, terms: DynamicsTerms, r: Array, threshold: float, removal: float = 0.02
 ) -> PublishedResult:
     """Return the point of the touched link that is nearest to any reading off the robot.
 
@@ -36,29 +34,22 @@ def published_localization(
     felt = np.flatnonzero(np.abs(r) > threshold)
     if len(felt) == 0:
         return PublishedResult(-1, np.zeros(3), np.zeros(3))
-    link, shapes = int(felt[-1]), vision.shapes
-    R_WC, p_WC = vision.pose
-    R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
-    R_CS, p_CS = R_WC.T @ R_WS, (p_WS - p_WC) @ R_WC
-    bounds = bounding_capsules(shapes.kind, shapes.size)
-    left, right = row_intervals(*bounds, R_CS, p_CS, vision.params.reach, *vision.pinhole, *depth.shape)
-    region = region_of(left, right)
-    _, _, _, strong = kernels.distances(
-        depth, vision.limit, vision.x, vision.y, shapes.kind, shapes.size, R_CS, p_CS, left, right, region,
-        removal, 0.5 * removal, 1e6, 1.0,
-    )  # fmt: skip
-    border = kernels.BORDER
-    rows, cols = np.nonzero(strong[border:-border, border:-border])
-    rows, cols = rows + region[0], cols + region[2]
+    link, shapes = int(felt[-1]), camera.shapes
+    tuning = camera.tuning._replace(
+        seed_distance=removal, grow_distance=0.5 * removal, scale_depth=1e6, least_scale=1.0
+    )
+    _, region, near = camera.measured(depth, terms.R_WL, terms.p_WL, tuning)
+    rows, cols = np.nonzero(near.strong[BORDER:-BORDER, BORDER:-BORDER])
+    rows, cols = rows + region.r0, cols + region.c0
     z = depth[rows, cols].astype(float)
-    points = np.column_stack([vision.x[cols] * z, vision.y[rows] * z, z]) @ R_WC.T + p_WC
+    points = camera.in_world(np.column_stack([camera.pinhole.x[cols] * z, camera.pinhole.y[rows] * z, z]))
     if len(points) == 0:
         return PublishedResult(-1, np.zeros(3), np.zeros(3))
     p_L = (points - terms.p_WL[link]) @ terms.R_WL[link]
     own = np.flatnonzero(shapes.link == link)
     axial = np.min([_axis_distance(p_L, shapes.R_LS[s], shapes.p_LS[s], shapes.size[s]) for s in own], axis=0)
     nearest = p_L[np.argmin(axial)]
-    p_LC, _ = vision.on_surface(link, nearest)
+    p_LC, _ = shapes.nearest_on(link, nearest)
     F = np.linalg.pinv(terms.point(link, p_LC).Jv_WC.T) @ r
     return PublishedResult(link, p_LC, F)
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from experiments.localization.judge import Shown
+from experiments.localization.parameters import KINDS
 from experiments.localization.scenario import CASES, NEVER, ContactLocalizationScenario
-from experiments.localization.scenes import KINDS, ContactScenes
+from experiments.localization.scenes import ContactScenes
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.results import Metric

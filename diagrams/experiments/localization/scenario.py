@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RotationMatrix
 
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.scenes import ContactScenes
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters

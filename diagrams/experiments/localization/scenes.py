@@ -12,7 +12,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from experiments.localization.parameters import KINDS, SceneParameters, room_depth
+from experiments.localization.parameters import SceneParameters, room_depth
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.perception.camera.model import CameraParameters
@@ -21,8 +21,6 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.sensors.depth_noise import add_kinect_noise
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
 from saphari_drake.simulation.sensors.visibility import pixels_near
-
-__all__ = ["KINDS", "ContactScenes", "SceneParameters", "Touch", "room_depth"]
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
@@ -245,30 +243,6 @@ class ContactScenes:
         p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
         pixels = pixels_near(image, self.cameras[camera], self.robot, terms, p_W, p.visible_radius)
         return pixels >= p.visible_pixels
-
-    def forces(self, rng: np.random.Generator, touch: Touch, frames: int) -> Array:
-        """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
-        p = self.params
-        inward = -touch.n_L
-        size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())
-        side = _unit(np.cross(inward, rng.normal(size=3)))
-        forces = np.zeros((frames, 3))
-        drift = np.zeros(3)
-        for k in range(frames):
-            if k > 0:
-                drift = 0.8 * drift + 0.6 * p.wander * rng.normal(size=3)
-            tangent = tilt * side + drift - (drift @ inward) * inward
-            tangent *= min(1.0, p.friction / max(float(np.linalg.norm(tangent)), 1e-9))
-            forces[k] = size * (1.0 + drift @ inward) * (inward + tangent) / np.sqrt(1.0 + tilt**2)
-        return forces
-
-    def torque_noise(self, rng: np.random.Generator, frames: int) -> Array:
-        """Return the error of the residual in each frame, (frames, n) Nm."""
-        p = self.params
-        noise = rng.normal(size=(frames, self.robot.n)) * p.torque_noise
-        for k in range(1, frames):
-            noise[k] = p.torque_memory * noise[k - 1] + np.sqrt(1.0 - p.torque_memory**2) * noise[k]
-        return noise
 
 
 def _unit(a: Array) -> Array:

@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from experiments.nmpc.build import add_robot
 from experiments.nmpc.jobs import frame_pose, point_positions
 from experiments.nmpc.run import NmpcRun
-from saphari_drake.messages import NmpcStatus
+from saphari_drake.control.nmpc.parameters import NmpcStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.view.figures import BOUND, CYCLE, STYLE, blank, legend
 from saphari_drake.simulation.view.overlays import Arrow, Marker
@@ -133,7 +132,7 @@ def _path_view(ax: Axes, run: NmpcRun, plane: tuple[int, int]) -> None:
 def _computing_time(ax: Axes, run: NmpcRun) -> None:
     """Draw the computing time of each step."""
     steps = run.steps
-    ax.semilogy(steps.time[1:], 1e3 * np.maximum(steps["solve_time"][1:, 0], 1e-6), ".", color=BLUE, markersize=3)
+    ax.semilogy(steps.time[1:], 1e3 * np.maximum(steps["step_time"][1:, 0], 1e-6), ".", color=BLUE, markersize=3)
     ax.set_title("Computing time a step [ms]", loc="left")
 
 
@@ -154,7 +153,7 @@ def _status(ax: Axes, run: NmpcRun) -> None:
 
 def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 20.0) -> None:
     """Write the run as a page that plays offline: robot, test spheres, obstacles, predicted motion and reference."""
-    job, log, geometry = run.cell.job, run.log, run.cell.params.geometry
+    job, log = run.cell.job, run.log
     every = max(1, round(1.0 / (fps * (log.time[1] - log.time[0]))))
     rows = np.arange(0, len(log.time), every)
     times = log.time[rows]
@@ -177,7 +176,7 @@ def nmpc_replay(run: NmpcRun, path: Path, title: str, view: tuple, fps: float = 
             )
     write_replay(
         path,
-        lambda builder: add_robot(builder, job, 0.001, geometry)[0],
+        run.cell.cell.copy_to,
         times,
         log["position"][rows],
         overlays,

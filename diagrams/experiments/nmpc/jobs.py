@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.control.nmpc.problem import TestPoint
+from saphari_drake.control.nmpc.parameters import NmpcReference, TestPoint
 from saphari_drake.errors import ModelError
-from saphari_drake.messages import NmpcReference, ObstaclePoints
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 
@@ -55,11 +55,10 @@ class NmpcJob:
     Attributes
     ----------
     robot : RobotModel
+        Starts at its home posture.
     end_effector : str
         Frame that follows the reference.
     points : tuple of TestPoint
-    start : (n,) array
-        Joint positions at the start.
     reference : callable
         Time (s) to the desired pose of the end effector.
     obstacles : callable
@@ -69,7 +68,6 @@ class NmpcJob:
     robot: RobotModel
     end_effector: str
     points: tuple[TestPoint, ...]
-    start: Array
     reference: Callable[[float], Pose]
     obstacles: Callable[[float], ObstaclePoints]
 

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from experiments.nmpc.build import NmpcCellParameters
 from experiments.nmpc.jobs import ARM_POINTS, NmpcJob, Pose, fixed_obstacles, point_positions, pose_of
 from experiments.nmpc.run import NmpcRun, counts, margins, timing
-from saphari_drake.control.nmpc.problem import NmpcParameters, TestPoint
+from saphari_drake.control.nmpc.parameters import NmpcParameters, TestPoint
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.runner.experiment import Metric
+from saphari_drake.simulation.runner.results import Metric
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def manipulator_job(robot: RobotModel, params: ManipulatorParameters) -> NmpcJob
     def reference(time: float) -> Pose:
         return pose
 
-    return NmpcJob(robot, tip, points, start, reference, fixed_obstacles(obstacles))
+    return NmpcJob(robot.with_home(start), tip, points, reference, fixed_obstacles(obstacles))
 
 
 def _posture(robot: RobotModel, degrees: list[float], default: Array) -> Array:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from experiments.nmpc.build import NmpcCellParameters
 from experiments.nmpc.jobs import OBSTACLES, OMNIROB_POINTS, NmpcJob, Pose, fixed_obstacles, pose_of
-from saphari_drake.control.nmpc.problem import NmpcParameters
-from saphari_drake.control.reverse_priority.activation import quintic
+from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.errors import ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.model import RobotModel
@@ -103,14 +103,14 @@ def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJo
         obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
     else:
         obstacles = fixed_obstacles(OBSTACLES)
-    return NmpcJob(robot, TIP, OMNIROB_POINTS, start, reference, obstacles)
+    return NmpcJob(robot.with_home(start), TIP, OMNIROB_POINTS, reference, obstacles)
 
 
 def _shifted(path: MobilePathParameters, y: float) -> tuple[float, float]:
     """Return x and dx/dy of the path that moves sideways."""
     length = path.shift_to - path.shift_from
-    a = min(max((y - path.shift_from) / length, 0.0), 1.0)
-    return path.shift * float(quintic(a)), path.shift * 30.0 * a**2 * (1.0 - a) ** 2 / length
+    share, slope, _ = quintic((y - path.shift_from) / length)
+    return path.shift * share, path.shift * slope / length
 
 
 def controller_for(case: str, params: NmpcParameters) -> NmpcParameters:

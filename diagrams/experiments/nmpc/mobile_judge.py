@@ -10,8 +10,8 @@ from experiments.nmpc.mobile import MobileParameters, controller_for
 from experiments.nmpc.run import NmpcRun, counts, known_obstacles, margins, stoppable_clearance, timing
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.messages import ObstaclePoints
-from saphari_drake.simulation.runner.experiment import Metric
+from saphari_drake.messages import ObstaclePoints, ObstacleStatus
+from saphari_drake.simulation.runner.results import Metric
 
 REPORTED = {"1": "< 20 ms", "2": "slightly above case 1", "3": "< 80 ms"}
 
@@ -39,8 +39,8 @@ def judge_mobile(run: NmpcRun, params: MobileParameters, case: str) -> list[Metr
             Metric("min_clearance_stoppable_m", stoppable_clearance(run, params.reaction), "m", low=0.0),
             Metric("path_end_error_m", error[-1], "m"),
             *_known(run),
-            Metric("obstacles_held_share", float(np.mean(run.steps["obstacle_status"] == 1)), "1"),
-            Metric("obstacles_lost_share", float(np.mean(run.steps["obstacle_status"] == 2)), "1"),
+            Metric("obstacles_held_share", float(np.mean(run.steps["obstacle_status"] == ObstacleStatus.HELD)), "1"),
+            Metric("obstacles_lost_share", float(np.mean(run.steps["obstacle_status"] == ObstacleStatus.LOST)), "1"),
         ]
     return [*metrics, *counts(run), *timing(run, REPORTED.get(case, "")), *margins(run)]
 
@@ -50,7 +50,7 @@ def free_tracking_error(run: NmpcRun, params: MobileParameters) -> float:
     job, period = run.cell.job, params.cell.controller.period
     controller = controller_for("1", deepcopy(params.cell.controller))
     problem = NmpcProblem(job.robot, job.end_effector, job.points, controller)
-    q, errors = job.start, []
+    q, errors = job.robot.home, []
     memory = at_rest(problem, q)
     for k in range(len(run.steps.time) - 1):
         time = k * period

@@ -5,17 +5,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from experiments.nmpc.jobs import NmpcJob
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.vision import LocalizerParameters, background_depth
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
 from saphari_drake.perception.obstacles.tracks import ObstacleTrackerParameters
-from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters, add_kinect_noise
+from saphari_drake.perception.segmentation.background import background_depth
+from saphari_drake.perception.segmentation.parameters import SegmentationParameters
+from saphari_drake.simulation.sensors.background_scan import scan_background
+from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
-from saphari_drake.simulation.world.hand_and_floor import add_floor
+from saphari_drake.simulation.world.floor import Floor
 
 FLOOR = 16.0  # m; edge of the floor
 
@@ -33,25 +34,14 @@ class ObstacleWatch:
     # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
     camera: CameraParameters = field(default_factory=_ceiling_camera)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
-    vision: LocalizerParameters = field(default_factory=LocalizerParameters)
+    vision: SegmentationParameters = field(default_factory=SegmentationParameters)
     tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
 
 
-def empty_background(params: ObstacleWatch, frames: int = 6) -> NDArray[np.float32]:
+def empty_background(params: ObstacleWatch) -> NDArray[np.float32]:
     """Return the background depth image (m) from noisy frames of the cell without robot and person."""
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    add_floor(plant, size=FLOOR)
-    plant.Finalize()
-    camera = add_depth_camera(builder, scene_graph, params.camera)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    image = camera.GetOutputPort("depth_image_32f").Eval(camera.GetMyContextFromRoot(context))
-    exact = image.data[..., 0].copy()
-    noise = params.sampler.noise
-    rngs = [np.random.default_rng([noise.seed, k]) for k in range(frames)]
-    images = [add_kinect_noise(exact, rng, noise, params.camera) for rng in rngs]
-    return background_depth(np.array(images), params.vision)
+    images = scan_background(None, Floor(FLOOR), params.camera, params.sampler.noise)
+    return background_depth(images, params.vision)
 
 
 def add_obstacle_watch(

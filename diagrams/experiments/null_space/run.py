@@ -1,6 +1,5 @@
 """What the experiments of Section 5 do alike: build, record, run, compare with a reference run, draw and replay."""
 
-import time
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,24 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import ContactResults
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.null_space.cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
+from experiments.null_space.motion import StraightMotionParameters, straight_motion
 from saphari_drake.errors import ParameterError
-from saphari_drake.pipelines.null_space import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from saphari_drake.robots import catalog
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Metric, RunOptions, advance
+from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.view.replay import Arrow, write_replay
-from saphari_drake.simulation.world.obstacle_cell import add_obstacle_cell
-from saphari_drake.simulation.world.references import StraightMotion, StraightMotionParameters
+from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
+from saphari_drake.simulation.view.replay import Arrow, show, write_replay
+from saphari_drake.simulation.world.cell import contact_truth
 
 Array = NDArray[np.float64]
 CASES = {
@@ -70,7 +69,7 @@ class Setup:
     diagram: Diagram
     parts: NullSpaceCell
     recorder: Recorder
-    fast_recorder: Recorder  # every step of the plant
+    fast: Recorder  # every step of the plant
 
 
 @dataclass
@@ -85,7 +84,7 @@ class Run:
 
     def task_forces(self) -> tuple[Array, Array, Array]:
         """Return J_M^{#T}τ (T, m) of the true external torque, of τ̂ and of −r: what the main task feels of each."""
-        log, controller, robot = self.log, self.setup.parts.controller, self.setup.robot
+        log, controller, robot = self.log, self.setup.parts.pipeline.controller, self.setup.robot
         rows: list[list[Array]] = [[], [], []]
         torques = -log["contact_torque"], log["torque_estimated"], -log["residual"]
         for k, (q, v) in enumerate(zip(log["position"], log["velocity"])):
@@ -99,7 +98,7 @@ class Run:
         cell, robot = self.setup.scenario.system.cell, self.setup.robot
         touch = cell.wall.touch if cell.obstacle == "wall" else cell.ball.touch
         link = min(robot.link_index(touch.link) + 1, robot.n - 1)
-        path = np.array([point_position(robot, q, link, np.zeros(3)) for q in self.log["position"]])
+        path = np.array([robot.kinematics(q).p_WL[link] for q in self.log["position"]])
         return np.asarray(np.linalg.norm(path - path[0], axis=1))
 
     def error(self) -> Array:
@@ -113,16 +112,14 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     builder = DiagramBuilder()
     parts = add_null_space_cell(builder, robot, aimed(scenario))
     if scenario.moving:
-        start = parts.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
-        motion = StraightMotion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
+        start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+        motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
         builder.AddNamedSystem("motion", motion)
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
-            builder.Connect(motion.GetOutputPort(name), parts.controller.GetInputPort(name))
-    recorder, fast = _record(builder, parts), Recorder(builder, scenario.system.cell.time_step)
-    fast.add("velocity", parts.cell.robot_state, "rad/s", lambda x: x[robot.n :])
-    fast.add("torque_excess", parts.controller.GetOutputPort("torque_excess"), "Nm")
-    if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, parts.cell.scene_graph, meshcat)
+            builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
+    recorder = _record(builder, parts)
+    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
+    show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 
 
@@ -140,17 +137,16 @@ def aimed(scenario: NullSpaceScenario) -> NullSpaceCellParameters:
 
 
 def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
-    recorder, cell = Recorder(builder, RECORD_PERIOD), parts.cell
-    n, num_positions = cell.robot.n, cell.plant.num_positions()
-    recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", lambda x: x[:num_positions])
-    recorder.add("position", cell.robot_state, "rad", lambda x: x[:n])
-    recorder.add("velocity", cell.robot_state, "rad/s", lambda x: x[n:])
+    cell, p = parts.cell, parts.pipeline
+    recorder = record_robot(builder, cell, RECORD_PERIOD)
     recorder.add("contact_torque", cell.contact_torque, "Nm")
-    recorder.add("contact", cell.plant.get_contact_results_output_port(), "N, m", contact_on_robot, 6)
-    recorder.add("residual", parts.momentum.GetOutputPort("residual"), "Nm")
-    recorder.add("torque_estimated", parts.disturbance.GetOutputPort("torque_estimated"), "Nm")
-    for name, unit in (("task_error", "m"), ("torque_commanded", "Nm"), ("torque_excess", "Nm"), ("yielding", "1")):
-        recorder.add(name, parts.controller.GetOutputPort(name), unit)
+    recorder.add("contact", cell.contact_results, "N, m", lambda results: contact_truth(results, cell)[:6], 6)
+    recorder.add("residual", p.momentum.GetOutputPort("torque_external"), "Nm")
+    recorder.add("torque_estimated", p.disturbance.GetOutputPort("torque_external"), "Nm", lambda torque: -torque)
+    recorder.add("torque_commanded", p.torque_output, "Nm")
+    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    for name, unit in (("task_error", "m"), ("yielding", "1")):
+        recorder.add(name, p.controller.GetOutputPort(name), unit)
     return recorder
 
 
@@ -176,17 +172,6 @@ def limits(*runs: Run) -> list[Metric]:
     return limit_metrics(runs[0].setup.robot, velocity, excess)
 
 
-def contact_on_robot(results: ContactResults) -> Array:
-    """Return the obstacle's force (N, world) and its point (m, world), zeros without contact; there is one obstacle."""
-    force, point = np.zeros(3), np.zeros(3)
-    for i in range(results.num_point_pair_contacts()):
-        info = results.point_pair_contact_info(i)
-        # contact_force() acts on body B; the robot was added first and has the lower index.
-        force += info.contact_force() * (1.0 if info.bodyB_index() < info.bodyA_index() else -1.0)
-        point = info.contact_point()
-    return np.concatenate([force, point])
-
-
 class Runs:
     """Runs of one process, each made once: a case and the runs that it is compared with."""
 
@@ -203,25 +188,17 @@ class Runs:
         if key not in self._done:
             options = options or RunOptions()
             setup = build(scenario, options.meshcat)
-            simulator = Simulator(setup.diagram)
-            simulator.set_target_realtime_rate(options.realtime_rate)
-            simulator.Initialize()
-            start = time.process_time()
-            wall = advance(simulator, scenario.duration, observer)
-            cpu, context = time.process_time() - start, simulator.get_context()
-            log, fast = (r.log(setup.diagram, context) for r in (setup.recorder, setup.fast_recorder))
-            self._done[key] = Run(setup, log, fast, wall, cpu)
+            run = Simulation(setup.diagram, observer, options)
+            run.to(scenario.duration)
+            self._done[key] = Run(setup, run.log(setup.recorder), run.log(setup.fast), run.wall, run.cpu)
         return self._done[key]
 
 
 def replay(run: Run, path: Path, title: str) -> None:
     """Write the run as a page that plays offline, with the contact force as an arrow."""
-    robot, scale = run.setup.robot, 0.01
-
-    def plant(builder: DiagramBuilder):
-        return add_obstacle_cell(builder, robot, aimed(run.setup.scenario).cell).plant
-
-    force, point = run.log["contact"][:, :3], run.log["contact"][:, 3:]
+    log, cell, scale = run.log, run.setup.parts.cell, 0.01
+    force, point = log["contact"][:, :3], log["contact"][:, 3:]
     arrow = Arrow("force", point - scale * force, force, scale, (0.0, 0.62, 0.45), np.any(force != 0.0, axis=1))
+    positions = log["plant_position" if "plant_position" in log else "position"]  # a wall does not move
     camera = ((1.6, 1.6, 1.2), (0.2, 0.0, 0.5))
-    write_replay(path, plant, run.log.time, run.log["plant_position"], [arrow], camera=camera, title=title)
+    write_replay(path, cell.copy_to, log.time, positions, [arrow], camera=camera, title=title)

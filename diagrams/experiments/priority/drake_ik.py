@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import timeit
 from typing import NamedTuple
 
 import numpy as np
@@ -66,9 +66,4 @@ class DifferentialIK:
 def median_seconds(call, count: int = 200) -> float:
     """Return the median wall time of a call (s)."""
     call()
-    seconds = np.empty(count)
-    for i in range(count):
-        start = time.perf_counter()
-        call()
-        seconds[i] = time.perf_counter() - start
-    return float(np.median(seconds))
+    return float(np.median(timeit.repeat(call, number=1, repeat=count)))

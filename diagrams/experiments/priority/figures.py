@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
 from experiments.priority.planar import PlanarCell
-from experiments.priority.three_level_build import ThreeLevelCell, add_arm
+from experiments.priority.three_level_build import ThreeLevelCell
 from saphari_drake.control.reverse_priority.tasks import Bound
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.runner.experiment import Log
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import CYCLE, Line, Panel, blank, draw_panel, time_panels
 from saphari_drake.simulation.view.overlays import Marker
 from saphari_drake.simulation.view.replay import write_replay
+from saphari_drake.simulation.world.cell import add_cell
 
 Array = NDArray[np.float64]
 BLUE, RED, MAGENTA = CYCLE[0], CYCLE[1], CYCLE[3]
@@ -87,18 +86,20 @@ def planar_replay(cell: PlanarCell, log: Log, path: Path, title: str) -> None:
     """Write the run as a page that plays offline."""
     rows = slice(None, None, 4)
 
-    def plant(builder: DiagramBuilder):
-        result, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
-        cell.robot.add_to(result)
-        result.Finalize()
-        return result
-
     goals = [
         Marker(f"goal {i + 1}", np.array([*goal, 0.0]), 0.1, (0.84, 0.37, 0.0))
         for i, goal in enumerate(cell.params.goals)
     ]
     view = ((2.5, 0.0, 11.0), (2.5, 0.1, 0.0))
-    write_replay(path, plant, log.time[rows], log["position"][rows], goals, camera=view, title=title)
+    write_replay(
+        path,
+        lambda builder: add_cell(builder, cell.robot).plant,
+        log.time[rows],
+        log["position"][rows],
+        goals,
+        camera=view,
+        title=title,
+    )
 
 
 def three_level_figure(cell: ThreeLevelCell, log: Log, title: str) -> Figure:
@@ -131,7 +132,7 @@ def three_level_replay(cell: ThreeLevelCell, log: Log, path: Path, title: str) -
     ]
     view = ((1.9, -1.2, 1.2), (0.3, 0.0, 0.5))
     times, q = log.time[rows], log["position"][rows]
-    write_replay(path, lambda builder: add_arm(builder, cell.job), times, q, overlays, camera=view, title=title)
+    write_replay(path, cell.cell.copy_to, times, q, overlays, camera=view, title=title)
 
 
 def _side(bound: Bound, sign: float) -> str:

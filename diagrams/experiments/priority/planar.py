@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from experiments.priority.drake_ik import DifferentialIK, median_seconds
+from experiments.priority.kinematic_arm import KinematicArm
 from experiments.priority.switches import Switch, find_switches
+from experiments.priority.waypoints import WaypointPath
 from saphari_drake.control.reverse_priority.stack import evaluate_component
 from saphari_drake.control.reverse_priority.system import (
     ReversePriorityController,
@@ -17,12 +19,13 @@ from saphari_drake.control.reverse_priority.system import (
 )
 from saphari_drake.control.reverse_priority.tasks import Bound, Level, plane_distance, position_task
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Log, Metric
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.world.kinematic_arm import KinematicArm, SampledSignal, WaypointPath
+from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
 NO_TARGETS = np.zeros((0, 6))
@@ -80,7 +83,7 @@ def planar_levels(robot: RobotModel, params: PlanarParameters, case: str) -> lis
 def tip_position(robot: RobotModel, q: Array) -> Array:
     """Return the position of the end effector (m)."""
     link, X_LF = robot.frame("tip")
-    return point_position(robot, q, link, X_LF.translation())
+    return robot.kinematics(q).position(link, X_LF.translation())
 
 
 def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> PlanarCell:
@@ -93,7 +96,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> Plan
         "controller", ReversePriorityController(robot, planar_levels(robot, params, case), params.controller)
     )
     arm = builder.AddNamedSystem("arm", KinematicArm(robot, period))
-    source = builder.AddNamedSystem("path", SampledSignal(lambda t: position_reference(*path(t)), period))
+    source = builder.AddNamedSystem("path", Reference({"value": lambda t: position_reference(*path(t))}, period))
     builder.Connect(source.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), arm.GetInputPort("velocity_commanded"))
     builder.Connect(arm.GetOutputPort("position_measured"), controller.GetInputPort("position_measured"))

@@ -19,7 +19,6 @@ from saphari_drake.control.reverse_priority.tasks import (
 )
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.robots.dynamics import point_position
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -103,7 +102,7 @@ class ThreeLevelJob(NamedTuple):
 def three_level_job(robot: RobotModel, params: ThreeLevelParameters, seed: int) -> ThreeLevelJob:
     """Return the stack and the person of a seed; the person starts clear of the arm."""
     link, X_LF = robot.frame("link_7")
-    p_home = point_position(robot, robot.home, link, X_LF.translation())
+    p_home = robot.kinematics(robot.home).position(link, X_LF.translation())
     distances = [
         Bound(
             target_distance(robot, frame, target, params.radius),
@@ -146,7 +145,7 @@ def clearances(robot: RobotModel, params: ThreeLevelParameters, q: Array, target
     points = []
     for frame in params.guarded:
         link, X_LF = robot.frame(frame)
-        points.append(point_position(robot, q, link, X_LF.translation()))
+        points.append(robot.kinematics(q).position(link, X_LF.translation()))
     gaps = np.linalg.norm(np.array(points)[:, None] - targets[None, :, :3], axis=2)
     return np.asarray(gaps.ravel() - params.radius)
 

@@ -4,22 +4,25 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import MatrixGain
 
 from experiments.priority.drake_ik import DifferentialIK, median_seconds
 from experiments.priority.switches import find_switches
 from experiments.priority.three_level import ThreeLevelJob, circle_reference, clearances
 from saphari_drake.control.joint_servo import JointVelocityServo
+from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Log, Metric
+from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
-from saphari_drake.simulation.world.kinematic_arm import SampledSignal
+from saphari_drake.simulation.view.replay import show
+from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
 
@@ -28,36 +31,26 @@ class ThreeLevelCell(NamedTuple):
     """A diagram and what is needed to run and judge it."""
 
     job: ThreeLevelJob
+    cell: Cell
     controller: ReversePriorityController
     diagram: Diagram
     recorder: Recorder
 
 
-def add_arm(builder: DiagramBuilder, job: ThreeLevelJob) -> MultibodyPlant:
-    """Add the arm as a discrete plant of 1 ms, without anything around it: the person is to be avoided, not touched."""
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
-    plant.set_name("plant")
-    instance = job.robot.add_to(plant)
-    plant.Finalize()
-    plant.SetDefaultPositions(instance, job.robot.home)
-    return plant
-
-
 def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> ThreeLevelCell:
     """Build the diagram: sensor → dynamics and controller → servo → torques of the plant, all at the same cycle."""
     robot, params = job.robot, job.params
-    period, n = params.controller.period, robot.n
+    period = params.controller.period
     builder = DiagramBuilder()
-    plant = add_arm(builder, job)
+    cell = add_cell(builder, robot)
     exact = JointSensorParameters(period=period, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
-    order = builder.AddNamedSystem("actuator_order", MatrixGain(np.eye(n)[robot.actuator_order]))
-    path = builder.AddNamedSystem("path", SampledSignal(lambda t: circle_reference(job, t), period))
-    person = builder.AddNamedSystem("person", SampledSignal(job.person, period))
-    builder.Connect(plant.get_state_output_port(), sensor.GetInputPort("state"))
+    path = builder.AddNamedSystem("path", Reference({"value": lambda t: circle_reference(job, t)}, period))
+    person = builder.AddNamedSystem("person", Reference({"value": job.person}, period))
+    builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
     for name in ("position_measured", "velocity_measured"):
         builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
     builder.Connect(sensor.GetOutputPort("position_measured"), controller.GetInputPort("position_measured"))
@@ -65,12 +58,8 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
     builder.Connect(person.GetOutputPort("value"), controller.GetInputPort("targets"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), servo.GetInputPort("velocity_commanded"))
-    builder.Connect(servo.GetOutputPort("torque_commanded"), order.get_input_port())
-    builder.Connect(order.get_output_port(), plant.get_actuation_input_port())
-    recorder = Recorder(builder, 0.001)
-    state = plant.get_state_output_port()
-    recorder.add("position", state, "rad", lambda x: x[:n])
-    recorder.add("velocity", state, "rad/s", lambda x: x[n:])
+    builder.Connect(servo.GetOutputPort("torque_commanded"), cell.torque_input)
+    recorder = record_robot(builder, cell, 0.001)
     recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
     recorder.add("person", person.GetOutputPort("value"), "m, m/s")
     recorder.add("reference", path.GetOutputPort("value"), "m, m/s", lambda r: np.append(r[9:12], r[15:18]))
@@ -85,10 +74,8 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
         recorder.add(name, controller.GetOutputPort(name), unit)
     recorder.add("torque", servo.GetOutputPort("torque_commanded"), "Nm")
     recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")
-    if meshcat is not None:
-        scene_graph = next(s for s in builder.GetSystems() if s.get_name() == "scene_graph")
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-    return ThreeLevelCell(job, controller, builder.Build(), recorder)
+    show(builder, cell.scene_graph, meshcat)
+    return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 
 
 def add_three_level_signals(cell: ThreeLevelCell, log: Log) -> None:
@@ -127,8 +114,8 @@ def judge_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
         Metric("activation_jump_max", np.abs(np.diff(log["activation"], axis=0)).max(), "1", high=0.5),
         Metric("switch_velocity_step_max", max((s.step for s in switches), default=0.0), "rad/s"),
         Metric("switch_velocity_share_max", max((s.share for s in switches), default=0.0), "1", high=1.0),
-        Metric("scaled_share", float(np.mean(status == 1)), "1"),
-        Metric("unreachable_share", float(np.mean(status == 2)), "1"),
+        Metric("scaled_share", float(np.mean(status == PriorityStatus.SCALED)), "1"),
+        Metric("unreachable_share", float(np.mean(status == PriorityStatus.LIMITED)), "1"),
         *limit_metrics(job.robot, log["velocity"], log["torque_excess"]),
     ]
 

@@ -1,15 +1,29 @@
 """When a contact force is controlled: a gate on its size, and a stop for contacts that become too fast."""
 
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.messages import ForceStatus, Immutable, InteractionMode
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
+from saphari_drake.messages import Immutable, InteractionMode
 
 Array = NDArray[np.float64]
+
+
+class ForceStatus(IntEnum):
+    """What the force control does, and why it does not control a force, also published as a number."""
+
+    HOLD = 0  # nobody touches: keep the posture
+    CONTROLLED = 1  # the force is controlled in all directions
+    PARTIAL = 2  # controlled, except along directions in which joint torques do not show it
+    WEAK = 3  # touched with a force below the gate: brake
+    RELEASED = 4  # braking to rest after the release
+    SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
+    UNSEEN = 6  # touched, but not seen where: yield
+    NO_CAMERA = 7  # the camera is lost: compliant stop
 
 
 @dataclass(frozen=True)

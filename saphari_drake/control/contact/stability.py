@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.errors import StabilityWarning
 
 Array = NDArray[np.float64]

@@ -1,275 +1,250 @@
-"""Hand guiding as pure functions: admittance (48), (50), accelerations of two points by priority (49), tracking (47).
+"""One control cycle of hand guiding: state of the controller and forces of the hands in, next state and commands out.
 
-Compiled, without BLAS; all arrays are float64 and contiguous.
+M_c p̈_d = F_c − D_c ṗ_d (48),   ẍ_c = p̈_d + k_d(ṗ_d − ṗ_c) + k_p(p_d − p_c) (50),   c = e, b
+q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   a_c = ẍ_c − J̇_cq̇ (49, corrected: `priority_acceleration`)
+τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g − J_eᵀF_e − J_bᵀF_b (47)
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.compiled import njit
-from saphari_drake.math.products import apply, product, symmetric_eigen
-from saphari_drake.robots.dynamics import DynamicsTerms
+from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
+from saphari_drake.control.hand_guiding.touch import GuidingPriority, GuidingStatus, HandForces, Touches, next_touches
+from saphari_drake.math.guided_motion import (
+    JointLimits,
+    admittance,
+    admittance_matrices,
+    confine,
+    priority_acceleration,
+)
+from saphari_drake.messages import Immutable
+from saphari_drake.parameters import positive_definite
+from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.kinematics import PointKinematics
+from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
-KNEE = 0.8  # share of the speed limit up to which the admittance is left as it is
 
 
-@njit(cache=True)
-def norm(v):
-    """Return the Euclidean length of a vector."""
-    total = 0.0
-    for x in v:
-        total += x * x
-    return np.sqrt(total)
+@dataclass(frozen=True)
+class GuidingState(Immutable):
+    """Memory of the controller between two cycles."""
+
+    q: Array  # (n,) commanded position and velocity of this cycle, acceleration of the one before
+    v: Array
+    a: Array
+    q_start: Array  # (n,) posture at the start, where the centres of the workspaces are; NaN before
+    touches: Touches
+    p_d: Array  # (2, 3) desired position (m) and velocity (m/s) of end effector and body point, world
+    v_d: Array
+    centre: Array  # (2, 3) centres of their workspaces (m)
+    link: int  # of the body point; −1: never touched
+    p_LC: Array  # (3,) the body point in it (m)
+    fade: Array  # (n,) what is left of the step that a change of the law would have made in the acceleration
+    fade_below: bool  # whether it belongs to the null space of the main point
+    torque: Array  # (n,) torque of the measured forces, smoothed, when last known
+    weight: float  # share of it that is fed forward
+    now: float = 0.0  # s; nominal time at which this cycle began
+    fresh: bool = False  # the next cycle with a known joint state starts there, at rest
 
 
-@njit(cache=True)
-def task_inverse(J, threshold):
-    """Return J† with singular values σ below `threshold` damped so that it stays continuous and bounded.
+class GuidingOutput(NamedTuple):
+    """What one cycle gives out; see the ports of `HandGuidingController`."""
 
-    1/σ becomes (2 − σ²/ε²)σ/ε² for σ < ε, which fits value and slope at ε and goes to zero with σ. Above ε it is exact.
+    torque: Array  # (n,)
+    acceleration: Array  # (n,)
+    position: Array  # (n,)
+    velocity: Array  # (n,)
+    priority: GuidingPriority
+    status: GuidingStatus
+    force: Array  # (2, 3)
+    point_position: Array  # (2, 3)
+    velocity_desired: Array  # (2, 3)
+    acceleration_desired: Array  # (2, 3)
+    rank: Array  # (2,)
+    unreachable_force: Array  # (2,)
+    unreachable_direction: Array  # (2, 3)
 
-    Parameters
-    ----------
-    J : (m, n) array
-        Jacobian of any rank.
-    threshold : float
-        ε, in the unit of J.
 
-    Returns
-    -------
-    J_inv : (n, m) array
-    reachable : (m, m) array
-        J J†, the projector on the directions in which the point can move.
-    rank : int
-        Number of singular values above the threshold.
-    lost : (m,) array
-        Unit direction in which the point moves the least; zero at full rank.
-    """
-    m, n = J.shape
-    squares, U = symmetric_eigen(product(J, J.T.copy()))
-    J_inv, reachable, lost = np.zeros((n, m)), np.zeros((m, m)), np.zeros(m)
-    rank, limit = 0, threshold * threshold
-    for k in range(m):
-        square = max(squares[k], 0.0)
-        if square >= limit:
-            scale = 1.0 / square
-            rank += 1
+class _Point(NamedTuple):
+    """A touched point within a cycle."""
+
+    which: int  # 0: end effector, 1: body
+    at: PointKinematics
+    centre: Array
+    p_d: Array
+    v_d: Array
+    v_d_next: Array
+    acceleration: Array  # ẍ_c of (50)
+    limited: bool  # by speed or workspace
+
+
+class _Law(NamedTuple):
+    """Joint acceleration (49) of the touched points, the main one first."""
+
+    points: list[_Point]
+    J: Array
+    acceleration: Array
+    N_1: Array
+    reachable: Array
+    rank: Array
+    lost: Array
+
+
+class HandGuiding:
+    """The strategy as a function of its state; holds constants only."""
+
+    def __init__(self, robot: RobotModel, params: HandGuidingParameters) -> None:
+        self.robot, self.params = robot, params
+        link, X_LF = robot.frame(params.tip_frame or robot.link_names[-1])
+        if link < 0:
+            link = robot.link_index(params.tip_frame)  # raises: the frame does not move
+        self.tip = link, np.array(X_LF @ np.asarray(params.tip_point, dtype=float))
+        self.points, T = (params.end_effector, params.body), params.period
+        self._admittance = [
+            admittance_matrices(positive_definite(p.mass, 3, "mass"), positive_definite(p.damping, 3, "damping"), T)
+            for p in self.points
+        ]
+        q_min, q_max = robot.q_min + params.joint_margin, robot.q_max - params.joint_margin
+        v_max, most = params.joint_speed_share * robot.v_max, (params.max_acceleration, params.max_deceleration)
+        self._limits = JointLimits(q_min, q_max, v_max, params.approach_time, *most, T)
+        self._fading = float(np.exp(-T / params.fade_time))
+        self._following = 1.0 - float(np.exp(-T / params.force_time)) if params.force_time > 0.0 else 1.0
+        self._smoothing = 1.0 - float(np.exp(-T / params.point_time))
+        # A cycle with two hands compiles the kernels before the first control step.
+        terms, link, one = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)), self.tip[0], np.ones((2, 3))
+        touched = replace(self.start(terms), touches=Touches((True, True), GuidingPriority.BODY, True), link=link)
+        self.step(touched, terms, HandForces(one, np.zeros(robot.n), link, np.zeros(3), True))
+
+    def start(self, terms: DynamicsTerms) -> GuidingState:
+        """Return the state at rest at the measured posture."""
+        none, zero, q = np.zeros(self.robot.n), np.zeros((2, 3)), terms.q
+        return GuidingState(q, none, none, q, Touches(), zero, zero, zero, -1, np.zeros(3), none, False, none, 1.0)
+
+    def step(self, state: GuidingState, terms: DynamicsTerms, hands: HandForces) -> tuple[GuidingState, GuidingOutput]:
+        """Return the next state and the commands of this cycle; `terms` are those of the measured state."""
+        params, T = self.params, self.params.period
+        measured = params.feedback == "measured"
+        if not terms.finite and (measured or state.fresh):
+            return self._unknown(state)
+        if state.fresh:
+            q_start = np.where(np.isnan(state.q_start), terms.q, state.q_start)
+            state = replace(self.start(terms), q_start=q_start, now=state.now)
+        touches = next_touches(state.touches, hands, self.points, params.release_time, T)
+        actual = terms if measured else evaluate_dynamics(self.robot, state.q, state.v)
+        link, p_LC, jumped = self._body_point(state, hands, touches)
+        points = [self._desired(c, state, actual, hands, touches, (link, p_LC)) for c in touches.order]
+        law = self._law(points, -params.null_damping * state.v) if points else None
+        nominal = law.acceleration if law else -(params.hold_damping if hands.known else params.fault_damping) * state.v
+        # A change of the law fades in, out of sight of a main point that stays the same.
+        fade, below = self._fading * state.fade, state.fade_below
+        if jumped or not touches.same_law(state.touches):
+            fade, below = state.a - nominal, touches.priority == state.touches.priority
+        if below and law:
+            fade = law.N_1 @ fade
+        v_asked = state.v + T * (nominal + fade)
+        J = law.J if law else np.zeros((0, 3, self.robot.n))
+        v_next, held_back = self._limits.velocity(state.q, state.v, v_asked, J, params.damping_threshold)
+        a = (v_next - state.v) / T
+        q_next = state.q + 0.5 * T * (state.v + v_next)
+        if measured:  # with torques at their limits the command must not run away
+            q_next = terms.q + np.clip(q_next - terms.q, -params.max_lag, params.max_lag)
+        p_d, v_d = self._advance(state, law, v_next, v_next - v_asked)
+        fed, weight = state.torque, self._fading * state.weight
+        if hands.known:
+            fed, weight = fed + self._following * (hands.torque - fed), 1.0 - self._fading * (1.0 - state.weight)
+        track = params.K_D * (state.v - terms.v) + params.K_P * (state.q - terms.q)
+        torque = terms.M @ (a + track) + terms.g + (terms.Cv if params.coriolis else 0.0) - weight * fed
+        centre = state.centre.copy()
+        for point in points:
+            centre[point.which] = point.centre
+        following = GuidingState(
+            q_next, v_next, a, state.q_start, touches, p_d, v_d, centre, link, p_LC, fade, below, fed, weight,
+            state.now + T,
+        )  # fmt: skip
+        return following, self._output(following, torque, hands, law, held_back)
+
+    def _unknown(self, state: GuidingState) -> tuple[GuidingState, GuidingOutput]:
+        """Forget all motion while the joint state is not known: NaN, from which the next system brakes."""
+        none, zero, two = np.full(self.robot.n, np.nan), np.zeros((2, 3)), np.zeros(2)
+        told = GuidingPriority.NONE, GuidingStatus.SENSOR_LOST, zero, zero, zero, zero, two, two, zero
+        following = replace(state, touches=Touches(), now=state.now + self.params.period, fresh=True)
+        return following, GuidingOutput(none, none, none, none, *told)
+
+    def _body_point(self, state: GuidingState, hands: HandForces, touches: Touches) -> tuple[int, Array, bool]:
+        """Return link and position of the body point, smoothed while it is touched, and whether it jumped."""
+        if not touches.touched[1] or hands.link < 0:  # not touched, or about to be let go
+            return state.link, state.p_LC, False
+        if not state.touches.touched[1] or hands.link != state.link:
+            return hands.link, hands.p_LC, True
+        return state.link, state.p_LC + self._smoothing * (hands.p_LC - state.p_LC), False
+
+    def _desired(
+        self, c: int, state: GuidingState, actual: DynamicsTerms, hands: HandForces, touches: Touches,
+        body: tuple[int, Array],
+    ) -> _Point:  # fmt: skip
+        """Return a touched point with its desired motion (48), (50)."""
+        params, (link, p_LC) = self.params, body if c == 1 else self.tip
+        at = actual.point(link, p_LC)
+        new = not state.touches.touched[c] or (c == 1 and link != state.link)
+        centre = self.robot.kinematics(state.q_start).position(link, p_LC) if new else state.centre[c]
+        if new or touches.priority != state.touches.priority:
+            p_d, v_d = at.p_WC, at.Jv_WC @ state.v
         else:
-            scale = (2.0 - square / limit) / limit
-        column = np.zeros(n)
-        for j in range(n):
-            for i in range(m):
-                column[j] += J[i, j] * U[i, k]
-        for i in range(m):
-            for j in range(n):
-                J_inv[j, i] += scale * column[j] * U[i, k]
-            for j in range(m):
-                reachable[i, j] += scale * square * U[i, k] * U[j, k]
-    if rank < m:
-        lost[:] = U[:, 0]
-    return J_inv, reachable, rank, lost
+            p_d, v_d = state.p_d[c], state.v_d[c]
+            if c == 1:  # the point may have moved on the link
+                p_d = p_d + actual.R_WL[link] @ (p_LC - state.p_LC)
+        limits = self.points[c]
+        free, fast = admittance(v_d, hands.force[c], *self._admittance[c], limits.max_speed)
+        v_d_next, bounded = confine(free, p_d, centre, limits.workspace_radius, params.approach_time)
+        acceleration = (v_d_next - v_d) / params.period + params.k_d * (v_d - at.v_WC) + params.k_p * (p_d - at.p_WC)
+        return _Point(c, at, centre, p_d, v_d, v_d_next, acceleration, fast or bounded)
 
+    def _law(self, points: list[_Point], rest: Array) -> _Law:
+        J = np.array([point.at.Jv_WC for point in points])
+        a = np.array([point.acceleration - point.at.Jdotv_WC for point in points])
+        return _Law(points, J, *priority_acceleration(J, a, rest, self.params.damping_threshold))
 
-@njit(cache=True)
-def priority_acceleration(J, a, rest, threshold):
-    """Return the joint acceleration that moves one point exactly, and another as far as the first leaves it free.
+    def _advance(self, state: GuidingState, law: _Law | None, v_next: Array, shortfall: Array) -> tuple[Array, Array]:
+        """Return the desired motion of the next cycle.
 
-        q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   N_1 = I − J_1†J_1,   N_2 = N_1 − (J_2N_1)†J_2N_1.
+        Where a point cannot go, or limits hold it back, it is that of the point itself, so that nothing winds up.
+        """
+        T, p_d, v_d = self.params.period, state.p_d.copy(), state.v_d.copy()
+        for point, reachable in zip(law.points, law.reachable) if law else ():
+            c, J = point.which, point.at.Jv_WC
+            v_own = J @ v_next
+            p_own = point.at.p_WC + T * v_own
+            p_d[c], v_d[c], missed = p_own, v_own, J @ shortfall
+            if missed @ missed < 1e-12:
+                p_new = point.p_d + 0.5 * T * (point.v_d + point.v_d_next)
+                p_d[c] += reachable @ (p_new - p_own)
+                v_d[c] += reachable @ (point.v_d_next - v_own)
+        return p_d, v_d
 
-    Corrected: (49) prints N_1J_2† for (J_2N_1)†, which realises only a part of the second acceleration that is
-    possible. The last term, not in (49), says what joint motion does that no point asks for. As long as the singular
-    values of J_1 are zero or above the threshold, J_1q̈_c = J_1J_1†a_1 whatever a_2 and r are.
-
-    Parameters
-    ----------
-    J : (k, 3, n) array
-        Jacobians of the main point and, if k = 2, of the second one.
-    a : (k, 3) array
-        a_c = ẍ_{c,d} − J̇_cq̇.
-    rest : (n,) array
-        r (rad/s²).
-    threshold : float
-        Singular values below this are damped.
-
-    Returns
-    -------
-    acceleration : (n,) array
-    N_1 : (n, n) array
-    reachable : (k, 3, 3) array
-        Directions in which each point can move, the second one without moving the first.
-    rank : (k,) array
-    lost : (k, 3) array
-        See `task_inverse`.
-    """
-    k, n = J.shape[0], J.shape[2]
-    reachable, rank, lost = np.empty((k, 3, 3)), np.empty(k), np.empty((k, 3))
-    J_inv, reachable[0], rank[0], lost[0] = task_inverse(J[0], threshold)
-    N_1 = np.eye(n) - product(J_inv, J[0])
-    acceleration = apply(J_inv, a[0]) + apply(N_1, rest)
-    if k > 1:
-        J_inv, reachable[1], rank[1], lost[1] = task_inverse(product(J[1], N_1), threshold)
-        acceleration += apply(J_inv, a[1] - apply(J[1], acceleration))
-    return acceleration, N_1, reachable, rank, lost
-
-
-@njit(cache=True)
-def smooth_limit(v, limit):
-    """Return a vector shortened to less than `limit`, in the same direction; unchanged below 0.8 of it, C¹ beyond."""
-    size, knee = norm(v), KNEE * limit
-    if size <= knee:
-        return v.copy()
-    rest = limit - knee
-    return v * ((limit - rest * np.exp(-(size - knee) / rest)) / size)
-
-
-@njit(cache=True)
-def admittance(v, force, compliance, step, max_speed):
-    """Return ṗ_d (3,) of the next cycle by (48), M_c p̈_d = F − D_c ṗ_d, and whether the speed limit showed.
-
-    Implicit Euler, ṗ' = ṗ + (M + T D)⁻¹T D (D⁻¹F − ṗ): stable for any gains, with ṗ_d = D⁻¹F at rest. D⁻¹F is
-    limited by `smooth_limit`. A motion that is faster, as the other point can bring about, is only slowed by D.
-
-    Parameters
-    ----------
-    v, force : (3,) arrays
-        ṗ_d (m/s) and F (N).
-    compliance, step : (3, 3) arrays
-        D⁻¹ (m/s/N) and (M + T D)⁻¹T D, see `admittance_matrices`.
-    max_speed : float
-        In m/s.
-    """
-    target = apply(compliance, force)
-    limited = norm(target) > KNEE * max_speed
-    following = v + apply(step, smooth_limit(target, max_speed) - v)
-    limit, size = max(max_speed, norm(v)), norm(following)
-    if size > limit:
-        following *= limit / size
-    return following, limited
-
-
-def admittance_matrices(mass: Array, damping: Array, period: float) -> tuple[Array, Array]:
-    """Return D⁻¹ and (M + T D)⁻¹T D, both (3, 3), of an admittance with M (kg) and D (Ns/m) at a period T (s)."""
-    step = np.linalg.solve(mass + period * damping, period * damping)
-    return np.ascontiguousarray(np.linalg.inv(damping)), np.ascontiguousarray(step)
-
-
-@njit(cache=True)
-def confine(v, p, centre, radius, time):
-    """Return a velocity whose part out of a sphere does not exceed (distance to the sphere)/time, and if it did.
-
-    A point that starts inside then stays there, as its distance to the sphere decays no faster than exp(−t/time). One
-    that is outside already is not driven back.
-
-    Parameters
-    ----------
-    v, p, centre : (3,) arrays
-        Velocity, position and centre of the sphere (m).
-    radius, time : float
-        Radius (m; 0: no bound), and time constant (s).
-    """
-    away = p - centre
-    distance = norm(away)
-    if radius == 0.0 or distance < 1e-9:
-        return v, False
-    away /= distance
-    excess = -max(radius - distance, 0.0) / time
-    for i in range(3):
-        excess += v[i] * away[i]
-    return (v - excess * away, True) if excess > 0.0 else (v, False)
-
-
-@njit(cache=True)
-def limit_joint_velocity(v, J, low, high, threshold):
-    """Return a joint velocity within bounds, and whether it had to be changed.
-
-    Joints beyond their bounds are held there, one after the other, and the rest moves so that the main point goes on as
-    asked for, and then the second one, as far as that is possible.
-
-    Parameters
-    ----------
-    v : (n,) array
-        Velocity asked for.
-    J : (k, 3, n) array
-        Jacobians of the main and the second point, k from 0 to 2.
-    low, high : (n,) arrays
-        Bounds, low ≤ 0 ≤ high.
-    threshold : float
-        Singular values below this are damped.
-    """
-    k, n = J.shape[0], len(v)
-    inside = True
-    for j in range(n):
-        inside = inside and low[j] <= v[j] <= high[j]
-    if inside:
-        return v, False
-    free, following, held = np.ones(n), v.copy(), v.copy()
-    for _ in range(n if k > 0 else 0):
-        worst, joint = 0.0, -1
-        for j in range(n):
-            excess = max(following[j] - high[j], low[j] - following[j])
-            if free[j] == 1.0 and excess > worst + 1e-12:
-                worst, joint = excess, j
-        if joint < 0:
-            break
-        free[joint], held[joint] = 0.0, min(max(following[joint], low[joint]), high[joint])
-        following = held.copy()
-        N = np.diag(free)
-        for i in range(k):
-            J_free = product(J[i], N)
-            J_inv, _, _, _ = task_inverse(J_free, threshold)
-            following += apply(J_inv, apply(J[i], v - following))
-            N = N - product(J_inv, J_free)
-    return np.minimum(np.maximum(following, low), high), True
-
-
-def velocity_bounds(q: Array, q_min: Array, q_max: Array, v_max: Array, time: float) -> tuple[Array, Array]:
-    """Return the smallest and largest joint velocities (n,) at `q`: (distance to the limit)/time, at most v_max."""
-    high = np.minimum(np.maximum((q_max - q) / time, 0.0), v_max)
-    return -np.minimum(np.maximum((q - q_min) / time, 0.0), v_max), high
-
-
-@njit(cache=True)
-def contact_torque(S, moved_by, p, force):
-    """Return the joint torque (n,) of a force (N) on a link at p (m), world axes.
-
-    Parameters
-    ----------
-    S : (n, 6) array
-        Joint axes, spatial [ω; v] at the world origin.
-    moved_by : (n,) array
-        1.0 for each joint that moves the link.
-    p, force : (3,) arrays
-    """
-    about = np.array([
-        p[1] * force[2] - p[2] * force[1],
-        p[2] * force[0] - p[0] * force[2],
-        p[0] * force[1] - p[1] * force[0],
-    ])  # fmt: skip
-    torque = np.zeros(S.shape[0])
-    for j in range(S.shape[0]):
-        for i in range(3):
-            torque[j] += moved_by[j] * (S[j, i] * about[i] + S[j, 3 + i] * force[i])
-    return torque
-
-
-def tracking_torque(
-    terms: DynamicsTerms, q_c: Array, v_c: Array, a_c: Array, K_P: float, K_D: float, coriolis: bool
-) -> Array:
-    """Return τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + g (47), (n,) in Nm, without the forces of the contacts.
-
-    Parameters
-    ----------
-    terms : DynamicsTerms
-        Of the measured state.
-    q_c, v_c, a_c : (n,) arrays
-        Commanded motion.
-    K_P, K_D : float
-        Gains (1/s², 1/s).
-    coriolis : bool
-        Whether to add C q̇, which (47) leaves out for slow motion.
-    """
-    torque = terms.M @ (a_c + K_D * (v_c - terms.v) + K_P * (q_c - terms.q)) + terms.g
-    return torque + terms.Cv if coriolis else torque
+    def _output(
+        self, now: GuidingState, torque: Array, hands: HandForces, law: _Law | None, held_back: bool
+    ) -> GuidingOutput:
+        p, v_d, a_d, direction = np.zeros((4, 2, 3))
+        rank, lost = np.zeros((2, 2))
+        status = GuidingStatus.GUIDED
+        for point, reachable, free, away in zip(law.points, law.reachable, law.rank, law.lost) if law else ():
+            c, force = point.which, hands.force[point.which]
+            p[c], v_d[c], a_d[c], rank[c], direction[c] = point.at.p_WC, point.v_d, point.acceleration, free, away
+            rest = force - reachable @ force
+            lost[c] = np.sqrt(rest @ rest)
+            if lost[c] > self.params.partial_share * np.sqrt(force @ force):
+                status = GuidingStatus.PARTIAL
+            held_back = held_back or point.limited
+        status = GuidingStatus.LIMITED if held_back else status
+        if law is None:
+            status = GuidingStatus.HOLD if now.touches.ready else GuidingStatus.WAITING
+        if not hands.known:
+            status = GuidingStatus.SENSOR_LOST
+        told = hands.force, p, v_d, a_d, rank, lost, direction
+        return GuidingOutput(torque, now.a, now.q, now.v, now.touches.priority, status, *told)

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import positive_definite, require_choice, require_non_negative, require_positive
+from saphari_drake.parameters import (
+    positive_definite,
+    require_choice,
+    require_non_negative,
+    require_positive,
+    require_vector,
+)
 
-Array = NDArray[np.float64]
 FEEDBACK = ("measured", "commanded")
 
 
@@ -90,6 +92,10 @@ class HandGuidingParameters:
     max_lag: float = 0.1
     # Share of the force on a point that may be without effect before the status says so.
     partial_share: float = 0.2
+    # N/m and Ns/m; the hand at the end effector that is expected. Stiffness 0: not stated; otherwise there is a warning
+    # if these gains can oscillate with it.
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
     # s; the control cycle.
     period: float = 0.002
 
@@ -99,10 +105,9 @@ class HandGuidingParameters:
             "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag", "max_acceleration",
             "max_deceleration", "release_time", "period",
         )  # fmt: skip
-        require_non_negative(self, "force_time", "joint_margin", "partial_share")
+        require_non_negative(self, "force_time", "joint_margin", "partial_share", "hand_stiffness", "hand_damping")
         require_choice(self, "feedback", FEEDBACK)
-        if np.shape(self.tip_point) != (3,) or not np.all(np.isfinite(self.tip_point)):
-            raise ParameterError("tip_point", f"needs three finite numbers, got {self.tip_point}")
+        require_vector(self, 3, "tip_point")
         if self.joint_speed_share > 1.0:
             raise ParameterError("joint_speed_share", f"must not exceed 1, got {self.joint_speed_share}")
         if self.approach_time < 2.0 * self.period:

@@ -1,1 +1,5 @@
 """Nonlinear model predictive control of an arm or a mobile manipulator among obstacles, eq. (9)–(22)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,12 +1,13 @@
-"""Cost, gradient, Hessian and distance rows of a whole prediction horizon in one compiled pass, eq. (15)–(22).
+"""Cost of a whole prediction horizon with its derivatives in one compiled pass, eq. (15)–(21).
+
+What is called for every point is inlined, with arrays by name: passing them on costs more than the sums.
 
 The decision variables are the joint positions q_1 … q_N; v_k = (q_{k+1} − q_k)/T_s. The Hessian is block tridiagonal:
 its blocks off the diagonal are −2Q_v/T_s² and constant, so that only those on the diagonal are evaluated.
 
-Every joint turns about, or moves along, the z axis of its own frame M; fixed rotations are folded into the constants.
-With ω_j that axis, J_j the column of a point's Jacobian, and i an ancestor of j or j itself, the curvature of a point
-is ∂²p/∂q_i∂q_j = ω_i × J_j for a revolute i and 0 for a prismatic one, so that the exact Hessian costs hardly more
-than the Gauss–Newton one.
+With ω_j the axis of joint j, J_j the column of a point's Jacobian, and i an ancestor of j or j itself, the curvature
+of a point is ∂²p/∂q_i∂q_j = ω_i × J_j for a revolute i and 0 for a prismatic one, so that the exact Hessian costs
+hardly more than the Gauss–Newton one.
 """
 
 from __future__ import annotations
@@ -14,124 +15,174 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.control.nmpc.data import Array
+from saphari_drake.control.nmpc.kinematics import compose, empty_frames, forward, jacobian, place, relative_quaternion
 
-# A curved path leaves its chord by at most max ‖p̈‖ T_s²/8; ‖p̈‖ is bounded at the end of the interval, and this factor
-# covers its change over the interval.
-CURVATURE_FACTOR = 1.25
 # What keeps the Hessian definite across active rows, in multiples of their curvature; see `evaluate`.
 STIFFENING = 10.0
-# m; added to the minimum distance with the margin between samples, for what an iteration leaves.
-PAD = 1.0e-5
 
 
-class HorizonData(NamedTuple):
-    """Constants of the problem, as the kernels take them; units m, rad, s."""
+class Expansion(NamedTuple):
+    """The cost at an iterate, its derivatives, and the test points there."""
 
-    revolute: NDArray[np.int64]  # (n,), 1 or 0
-    parent: NDArray[np.int64]  # (n,), −1: the world
-    chain: NDArray[np.int64]  # (n, n), ancestors of each link and itself, root first
-    depth: NDArray[np.int64]  # (n,), how many these are
-    R_PM: NDArray[np.float64]  # (n, 3, 3), frame M of a joint at q = 0, in the M of its parent
-    p_PM: NDArray[np.float64]  # (n, 3)
-    link_E: int  # that carries the end effector
-    R_ME: NDArray[np.float64]  # (3, 3)
-    p_ME: NDArray[np.float64]  # (3,)
-    link_C: NDArray[np.int64]  # (points,), that carry the test points
-    p_MC: NDArray[np.float64]  # (points, 3)
-    d_min: NDArray[np.float64]  # (points,)
-    c: NDArray[np.float64]  # (points,), of (20)
-    period: float
-    Q_v: NDArray[np.float64]  # (n,)
-    Q_q: NDArray[np.float64]  # (n,)
-    Q_e: NDArray[np.float64]  # (6,), position, orientation
-    R_q: NDArray[np.float64]  # (n,)
-    R_e: NDArray[np.float64]  # (6,)
-    r_O: float
-    home: NDArray[np.float64]  # (n,)
-    q_min: NDArray[np.float64]  # (n,)
-    q_max: NDArray[np.float64]  # (n,)
-    v_max: NDArray[np.float64]  # (n,)
-    guard: float  # m²
-    cost_on: bool
-    rows_on: bool
-    swept: bool  # distances of whole intervals instead of their ends
-    base: NDArray[np.int64]  # (3,) joints x, y, θ of a platform that cannot slip sideways, or (0,)
-
-
-class Rows(NamedTuple):
-    """Linearised inequalities z + a·δ_{k−1} + b·δ_k ≥ 0, with δ_0 = 0."""
-
-    stage: NDArray[np.int64]  # (rows,), k = 1 … N
-    point: NDArray[np.int64]  # (rows,)
-    obstacle: NDArray[np.int64]  # (rows,)
-    z: NDArray[np.float64]  # (rows,)
-    a: NDArray[np.float64]  # (rows, n)
-    b: NDArray[np.float64]  # (rows, n)
-
-
-class Multipliers(NamedTuple):
-    """Multipliers λ > 0 of distance rows, for the Hessian of the Lagrangian."""
-
-    stage: NDArray[np.int64]
-    point: NDArray[np.int64]
-    obstacle: NDArray[np.int64]
-    value: NDArray[np.float64]
+    f: float
+    g: Array  # (N, n)
+    H: Array  # (N, n, n), diagonal blocks
+    P: Array  # (N + 1, points, 3), test points in the world at stages 0 … N
+    J: Array  # (N + 1, points, n, 3), columns of their Jacobians, in the order of the joints
 
 
 @njit(cache=True)
-def no_multipliers():
-    """Return `Multipliers` of no row."""
-    none = np.zeros(0, np.int64)
-    return Multipliers(none, none, none, np.zeros(0))
+def evaluate(data, scene, Q, multipliers, exact, derivatives):
+    """Return the `Expansion` of the cost at an iterate.
+
+    Parameters
+    ----------
+    data : HorizonData
+    scene : Scene
+    Q : (N, n) array
+        Positions of stages 1 … N.
+    multipliers : (N + 1, points, m) array
+        λ ≥ 0 of the distance rows, whose curvature −λ∇²z is added if `exact`. With d = p − p_O it is, in p,
+        −2λ(I − κ ddᵀ/‖d‖²), κ = `STIFFENING`: the part along d is a multiple of ∇z∇zᵀ, which is constant where the row
+        is active.
+    exact : bool
+        Exact Hessian instead of the Gauss–Newton one.
+    derivatives : bool
+        Whether to evaluate them at all.
+    """
+    N, n = Q.shape
+    points, steps = data.link_C.shape[0], N if derivatives else 0
+    g, H = np.zeros((N, n)), np.zeros((steps, n, n))
+    P, J = np.empty((N + 1, points, 3)), np.zeros((steps + 1, points, n, 3))
+    at, term = empty_frames(n), PointTerm(np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((n, 3)))
+    forward(data, scene.q0, at)
+    for i in range(points):
+        place(at.R[data.link_C[i]], at.p[data.link_C[i]], data.p_MC[i], P[0, i])
+    f = 0.0
+    for k in range(1, N + 1):
+        forward(data, Q[k - 1], at)
+        f += _motion_cost(data, scene.q0, Q, k, g, H)
+        f += _pose_cost(data, scene, k, at, term, exact, g[k - 1], H[k - 1 : k])
+        for i in range(points):
+            link, x = data.link_C[i], P[k, i]
+            place(at.R[link], at.p[link], data.p_MC[i], x)
+            value, bent = _obstacle_cost(data, scene, k, i, x, multipliers, exact, term)
+            f += value
+            if not derivatives:
+                continue
+            jacobian(data, at, link, x)
+            for a in range(data.depth[link]):
+                for r in range(3):
+                    J[k, i, data.chain[link, a], r] = at.J[a, r]
+            if bent:
+                _add_term(data, at, link, term, exact, g[k - 1], H[k - 1])
+    for k in range(steps):
+        for j in range(n):
+            for i in range(j):
+                H[k, j, i] = H[k, i, j]
+    return Expansion(f, g, H, P, J)
 
 
 @njit(cache=True)
-def forward(data, q, R, p):
-    """Fill the poses of the joint frames M in the world: `R` (n, 3, 3) and `p` (n, 3)."""
-    for j in range(q.shape[0]):
-        k = data.parent[j]
-        for r in range(3):
-            if k < 0:
-                x, y, z = data.R_PM[j, r, 0], data.R_PM[j, r, 1], data.R_PM[j, r, 2]
-                p[j, r] = data.p_PM[j, r]
-            else:
-                e0, e1, e2 = R[k, r, 0], R[k, r, 1], R[k, r, 2]
-                x = e0 * data.R_PM[j, 0, 0] + e1 * data.R_PM[j, 1, 0] + e2 * data.R_PM[j, 2, 0]
-                y = e0 * data.R_PM[j, 0, 1] + e1 * data.R_PM[j, 1, 1] + e2 * data.R_PM[j, 2, 1]
-                z = e0 * data.R_PM[j, 0, 2] + e1 * data.R_PM[j, 1, 2] + e2 * data.R_PM[j, 2, 2]
-                p[j, r] = p[k, r] + e0 * data.p_PM[j, 0] + e1 * data.p_PM[j, 1] + e2 * data.p_PM[j, 2]
-            R[j, r, 0], R[j, r, 1], R[j, r, 2] = x, y, z
-        if data.revolute[j]:
-            s, c = np.sin(q[j]), np.cos(q[j])
-            for r in range(3):
-                x, y = R[j, r, 0], R[j, r, 1]
-                R[j, r, 0], R[j, r, 1] = c * x + s * y, c * y - s * x
-        else:
-            for r in range(3):
-                p[j, r] += q[j] * R[j, r, 2]
+def no_multipliers(scene, N, points):
+    """Return multipliers for `evaluate` of no row."""
+    return np.zeros((N + 1, points, scene.radius.shape[0]))
 
 
-@njit(cache=True)
-def place(R, p, x, out):
-    """Write R x + p."""
-    for r in range(3):
-        out[r] = p[r] + R[r, 0] * x[0] + R[r, 1] * x[1] + R[r, 2] * x[2]
+class PointTerm(NamedTuple):
+    """A term of the cost, and of the Lagrangian, as a function of one point's position."""
+
+    F: Array  # (3,), gradient of the cost
+    G: Array  # (3,), gradient of the Lagrangian
+    S: Array  # (3, 3), Hessian of the Lagrangian
+    bend: Array  # (n, 3), G × ω, to fill
 
 
-@njit(cache=True)
-def jacobian(data, R, p, link, x, J):
-    """Fill the columns J[a] (3,) of the Jacobian of point `x` (world) of a link, in the order of its chain."""
+@njit(cache=True, inline="always")
+def _add_term(data, at, link, term, exact, g, H):
+    """Add JᵀF to g, and JᵀSJ + Σ G·∂²p to the upper triangle of H if there is one, by ``at.J`` of the point."""
+    R, J, (F, G, S, bend), chain, revolute = at.R, at.J, term, data.chain, data.revolute
     for a in range(data.depth[link]):
-        j = data.chain[link, a]
+        j = chain[link, a]
+        x, y, z = J[a, 0], J[a, 1], J[a, 2]
+        g[j] += F[0] * x + F[1] * y + F[2] * z
         wx, wy, wz = R[j, 0, 2], R[j, 1, 2], R[j, 2, 2]
-        if data.revolute[j]:
-            dx, dy, dz = x[0] - p[j, 0], x[1] - p[j, 1], x[2] - p[j, 2]
-            J[a, 0], J[a, 1], J[a, 2] = wy * dz - wz * dy, wz * dx - wx * dz, wx * dy - wy * dx
-        else:
-            J[a, 0], J[a, 1], J[a, 2] = wx, wy, wz
+        turns = 1.0 if exact and revolute[j] else 0.0
+        bend[a, 0] = turns * (G[1] * wz - G[2] * wy)
+        bend[a, 1] = turns * (G[2] * wx - G[0] * wz)
+        bend[a, 2] = turns * (G[0] * wy - G[1] * wx)
+        t0 = S[0, 0] * x + S[0, 1] * y + S[0, 2] * z
+        t1 = S[1, 0] * x + S[1, 1] * y + S[1, 2] * z
+        t2 = S[2, 0] * x + S[2, 1] * y + S[2, 2] * z
+        for b in range(a + 1):
+            curved = bend[b, 0] * x + bend[b, 1] * y + bend[b, 2] * z
+            H[chain[link, b], j] += t0 * J[b, 0] + t1 * J[b, 1] + t2 * J[b, 2] + curved
+
+
+@njit(cache=True, inline="always")
+def _motion_cost(data, q0, Q, k, g, H):
+    """Add the terms (15), (16) of stage k: (q_k − q_{k−1})ᵀQ_v(…)/T_s² and (q_k − h)ᵀQ_q(…), or R_q at the last."""
+    last = k == Q.shape[0]
+    Q_q, Q_v, home, rate, f = data.R_q if last else data.Q_q, data.Q_v, data.home, 1.0 / data.period**2, 0.0
+    for j in range(Q.shape[1]):
+        v = Q_v[j] * rate
+        step = Q[k - 1, j] - (Q[k - 2, j] if k > 1 else q0[j])
+        off = Q[k - 1, j] - home[j]
+        f += v * step * step + Q_q[j] * off * off
+        g[k - 1, j] += 2.0 * v * step + 2.0 * Q_q[j] * off
+        if k > 1:
+            g[k - 2, j] -= 2.0 * v * step
+        if H.shape[0] > 0:
+            H[k - 1, j, j] += (2.0 if last else 4.0) * v + 2.0 * Q_q[j]
+    return f
+
+
+@njit(cache=True, inline="always")
+def _obstacle_cost(data, scene, k, i, p, multipliers, exact, term):
+    """Fill the term of point i at p: Σ c_i/(d² − d_min²), (20), and −λ(d² − d_min²); return its cost, and if it bends.
+
+    In Gauss–Newton form the Hessian leaves out what the slope of the barrier makes negative.
+    """
+    F, G, S, _ = term
+    for r in range(3):
+        F[r] = G[r] = S[r, 0] = S[r, 1] = S[r, 2] = 0.0
+    p_WO, radius, cost_on, d_min, guard = scene.p_WO, scene.radius, data.cost_on, data.d_min[i], data.guard
+    bent, slope, value = cost_on, 0.0, 0.0
+    c = data.c[i] * (data.r_O if k == p_WO.shape[0] - 1 else 1.0)
+    for o in range(radius.shape[0]):
+        lam = 2.0 * multipliers[k, i, o] if exact else 0.0
+        if not cost_on and lam == 0.0:
+            continue
+        x, y, z = p[0] - p_WO[k, o, 0], p[1] - p_WO[k, o, 1], p[2] - p_WO[k, o, 2]
+        d2, kept, u, v = x * x + y * y + z * z, d_min + radius[o], 0.0, 0.0
+        if cost_on:
+            psi, psi1, psi2 = barrier(d2 - kept * kept, guard)
+            value += c * psi
+            u, v = 2.0 * c * psi1, 4.0 * c * psi2
+        bent, w = True, u - lam
+        if lam > 0.0:
+            v += STIFFENING * lam / d2
+        slope += w
+        F[0] += u * x
+        F[1] += u * y
+        F[2] += u * z
+        G[0] += w * x
+        G[1] += w * y
+        G[2] += w * z
+        S[0, 0] += v * x * x
+        S[0, 1] += v * x * y
+        S[0, 2] += v * x * z
+        S[1, 1] += v * y * y
+        S[1, 2] += v * y * z
+        S[2, 2] += v * z * z
+    S[1, 0], S[2, 0], S[2, 1] = S[0, 1], S[0, 2], S[1, 2]
+    if exact:
+        for r in range(3):
+            S[r, r] += slope
+    return value, bent
 
 
 @njit(cache=True)
@@ -145,233 +196,51 @@ def barrier(s, guard):
     return inv * (1.0 - t + t * t), inv * inv * (2.0 * t - 1.0), 2.0 * inv * inv * inv
 
 
-@njit(cache=True)
-def relative_quaternion(R_ref, R, e):
-    """Write the vector part of the quaternion of R_refᵀR into `e` and return its scalar part, which is ≥ 0."""
-    D = np.empty((3, 3))
-    for r in range(3):
-        for s in range(3):
-            D[r, s] = R_ref[0, r] * R[0, s] + R_ref[1, r] * R[1, s] + R_ref[2, r] * R[2, s]
-    trace = D[0, 0] + D[1, 1] + D[2, 2]
-    if trace > -0.5:
-        w = 0.5 * np.sqrt(1.0 + trace)
-        f = 0.25 / w
-        e[0], e[1], e[2] = f * (D[2, 1] - D[1, 2]), f * (D[0, 2] - D[2, 0]), f * (D[1, 0] - D[0, 1])
-        return w
-    i = 0
-    if D[1, 1] > D[0, 0]:
-        i = 1
-    if D[2, 2] > D[i, i]:
-        i = 2
-    j, k = (i + 1) % 3, (i + 2) % 3
-    e[i] = 0.5 * np.sqrt(max(1.0 + D[i, i] - D[j, j] - D[k, k], 0.0))
-    f = 0.25 / e[i]
-    e[j], e[k] = f * (D[j, i] + D[i, j]), f * (D[k, i] + D[i, k])
-    w = f * (D[k, j] - D[j, k])
-    if w < 0.0:
-        w = -w
-        for r in range(3):
-            e[r] = -e[r]
-    return w
-
-
-@njit(cache=True)
-def _add_pose_term(data, k, R, p, R_ref, p_ref, Q_e, exact, g, H, derivatives):
-    """Add eᵀQ_e e of the end effector, with e the position error and twice the vector part of R_refᵀR."""
-    n = g.shape[0]
-    x, eps, We = np.empty(3), np.empty(3), np.empty(3)
-    link = data.link_E
-    place(R[link], p[link], data.p_ME, x)
-    R_WE = np.empty((3, 3))
-    for r in range(3):
-        for s in range(3):
-            R_WE[r, s] = (
-                R[link, r, 0] * data.R_ME[0, s] + R[link, r, 1] * data.R_ME[1, s] + R[link, r, 2] * data.R_ME[2, s]
-            )
+@njit(cache=True, inline="always")
+def _pose_cost(data, scene, k, at, term, exact, g, H):
+    """Add eᵀQ_e e, (17), with e the position error and twice the vector part of the quaternion of R_refᵀR."""
+    F, G, S, _ = term
+    link, R_ref = data.link_E, scene.R_ref[k]
+    Q_e = data.R_e if k == scene.p_ref.shape[0] - 1 else data.Q_e
+    x, eps, R_WE, value = np.empty(3), np.empty(3), np.empty((3, 3)), 0.0
+    place(at.R[link], at.p[link], data.p_ME, x)
+    compose(at.R[link], data.R_ME, R_WE)
     eta = relative_quaternion(R_ref, R_WE, eps)
-    value = 0.0
-    F = np.empty(3)
     for r in range(3):
-        F[r] = 2.0 * Q_e[r] * (x[r] - p_ref[r])
-        value += 0.5 * F[r] * (x[r] - p_ref[r])
-        We[r] = 4.0 * Q_e[3 + r] * eps[r]
-        value += We[r] * eps[r]
-    if not derivatives:
-        return value
-    J, E, a = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    d_eta, bp, br = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3))
-    jacobian(data, R, p, link, x, J)
-    for c in range(data.depth[link]):
-        j = data.chain[link, c]
-        if data.revolute[j]:
-            for r in range(3):
-                a[c, r] = R_ref[0, r] * R[j, 0, 2] + R_ref[1, r] * R[j, 1, 2] + R_ref[2, r] * R[j, 2, 2]
-            ax, ay, az = a[c, 0], a[c, 1], a[c, 2]
-            E[c, 0] = 0.5 * (eta * ax + ay * eps[2] - az * eps[1])
-            E[c, 1] = 0.5 * (eta * ay + az * eps[0] - ax * eps[2])
-            E[c, 2] = 0.5 * (eta * az + ax * eps[1] - ay * eps[0])
-            d_eta[c] = -0.5 * (ax * eps[0] + ay * eps[1] + az * eps[2])
-            wx, wy, wz = R[j, 0, 2], R[j, 1, 2], R[j, 2, 2]
-            bp[c, 0], bp[c, 1], bp[c, 2] = F[1] * wz - F[2] * wy, F[2] * wx - F[0] * wz, F[0] * wy - F[1] * wx
-            br[c, 0], br[c, 1], br[c, 2] = We[1] * az - We[2] * ay, We[2] * ax - We[0] * az, We[0] * ay - We[1] * ax
-        g[j] += F[0] * J[c, 0] + F[1] * J[c, 1] + F[2] * J[c, 2]
-        g[j] += 2.0 * (We[0] * E[c, 0] + We[1] * E[c, 1] + We[2] * E[c, 2])
-    for c in range(data.depth[link]):
-        j = data.chain[link, c]
-        t0, t1, t2 = 2.0 * Q_e[0] * J[c, 0], 2.0 * Q_e[1] * J[c, 1], 2.0 * Q_e[2] * J[c, 2]
-        r0, r1, r2 = 8.0 * Q_e[3] * E[c, 0], 8.0 * Q_e[4] * E[c, 1], 8.0 * Q_e[5] * E[c, 2]
-        for b in range(c + 1):
-            i = data.chain[link, b]
-            h = t0 * J[b, 0] + t1 * J[b, 1] + t2 * J[b, 2] + r0 * E[b, 0] + r1 * E[b, 1] + r2 * E[b, 2]
-            if exact:
-                h += bp[b, 0] * J[c, 0] + bp[b, 1] * J[c, 1] + bp[b, 2] * J[c, 2]
-                h += br[b, 0] * E[c, 0] + br[b, 1] * E[c, 1] + br[b, 2] * E[c, 2]
-                h += d_eta[c] * (We[0] * a[b, 0] + We[1] * a[b, 1] + We[2] * a[b, 2])
-            H[i, j] += h
+        S[r, 0] = S[r, 1] = S[r, 2] = 0.0
+        error = x[r] - scene.p_ref[k, r]
+        value += Q_e[r] * error * error + 4.0 * Q_e[3 + r] * eps[r] * eps[r]
+        F[r] = G[r] = 2.0 * Q_e[r] * error
+        S[r, r] = 2.0 * Q_e[r]
+    if H.shape[0] > 0:
+        jacobian(data, at, link, x)
+        _add_term(data, at, link, term, exact, g, H[0])
+        _add_turn(data, at, R_ref, Q_e[3:], (eta, eps), exact, g, H[0])
     return value
 
 
-@njit(cache=True)
-def evaluate(data, q0, Q, R_ref, p_ref, p_WO, radius, multipliers, exact, derivatives):
-    """Return cost, gradient, diagonal blocks of the Hessian, and points of the horizon with their Jacobians.
-
-    Parameters
-    ----------
-    data : HorizonData
-    q0 : (n,) array
-        Measured positions; Q: (N, n), positions of stages 1 … N.
-    R_ref, p_ref : (N + 1, 3, 3) and (N + 1, 3) arrays
-        Reference poses of stages 0 … N; the first is not used.
-    p_WO, radius : (N + 1, m, 3) and (m,) arrays
-        Obstacles at each stage.
-    multipliers : Multipliers
-        Of distance rows, whose curvature −λ∇²z is added if `exact`. With d = p − p_O it is, in p, −2λ(I − κ ddᵀ/‖d‖²),
-        κ = `STIFFENING`: the part along d is a multiple of ∇z∇zᵀ, which is constant where the row is active.
-    exact : bool
-        Exact Hessian instead of the Gauss–Newton one. derivatives: whether to evaluate derivatives at all.
-
-    Returns
-    -------
-    f : float
-    g : (N, n) array
-    H : (N, n, n) array
-        Symmetric.
-    P : (N + 1, points, 3) array
-        Test points in the world at stages 0 … N.
-    J : (N + 1, points, n, 3) array
-        Columns of their Jacobians, in the order of the joints.
-    """
-    N, n = Q.shape
-    points, m = data.link_C.shape[0], radius.shape[0]
-    steps = N if derivatives else 0
-    g, H = np.zeros((steps, n)), np.zeros((steps, n, n))
-    P = np.empty((N + 1, points, 3))
-    J = np.zeros((steps + 1, points, n, 3))
-    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-    S, F, columns = np.empty((3, 3)), np.empty(3), np.empty((n, 3))
-    bend = np.empty((n, 3))
-    forward(data, q0, R, p)
-    for i in range(points):
-        place(R[data.link_C[i]], p[data.link_C[i]], data.p_MC[i], P[0, i])
-    f = 0.0
-    rate = 1.0 / data.period**2
-    for k in range(1, N + 1):
-        q = Q[k - 1]
-        last = k == N
-        Q_q, Q_e = (data.R_q, data.R_e) if last else (data.Q_q, data.Q_e)
-        scale = data.r_O if last else 1.0
-        forward(data, q, R, p)
-        for j in range(n):
-            step = q[j] - (Q[k - 2, j] if k > 1 else q0[j])
-            off = q[j] - data.home[j]
-            f += data.Q_v[j] * rate * step * step + Q_q[j] * off * off
-            if derivatives:
-                g[k - 1, j] += 2.0 * data.Q_v[j] * rate * step + 2.0 * Q_q[j] * off
-                H[k - 1, j, j] += 2.0 * data.Q_v[j] * rate + 2.0 * Q_q[j]
-                if k > 1:
-                    g[k - 2, j] -= 2.0 * data.Q_v[j] * rate * step
-                    H[k - 2, j, j] += 2.0 * data.Q_v[j] * rate
-        row = k - 1 if derivatives else 0
-        g_k = g[row] if derivatives else columns[:, 0]
-        H_k = H[row] if derivatives else S
-        f += _add_pose_term(data, k, R, p, R_ref[k], p_ref[k], Q_e, exact, g_k, H_k, derivatives)
-        for i in range(points):
-            link = data.link_C[i]
-            x = P[k, i]
-            place(R[link], p[link], data.p_MC[i], x)
-            S[:], F[:] = 0.0, 0.0
-            diagonal = 0.0
-            if data.cost_on:
-                c = scale * data.c[i]
-                for o in range(m):
-                    dx, dy, dz = x[0] - p_WO[k, o, 0], x[1] - p_WO[k, o, 1], x[2] - p_WO[k, o, 2]
-                    d = data.d_min[i] + radius[o]
-                    psi, psi1, psi2 = barrier(dx * dx + dy * dy + dz * dz - d * d, data.guard)
-                    f += c * psi
-                    u, v = 2.0 * c * psi1, 4.0 * c * psi2
-                    F[0] += u * dx
-                    F[1] += u * dy
-                    F[2] += u * dz
-                    diagonal += u
-                    S[0, 0] += v * dx * dx
-                    S[0, 1] += v * dx * dy
-                    S[0, 2] += v * dx * dz
-                    S[1, 1] += v * dy * dy
-                    S[1, 2] += v * dy * dz
-                    S[2, 2] += v * dz * dz
-            if not derivatives:
-                continue
-            depth = data.depth[link]
-            jacobian(data, R, p, link, x, columns)
-            for a in range(depth):
-                j = data.chain[link, a]
-                g[row, j] += F[0] * columns[a, 0] + F[1] * columns[a, 1] + F[2] * columns[a, 2]
-                for r in range(3):
-                    J[k, i, j, r] = columns[a, r]
-            bent = data.cost_on
-            if exact:
-                for e in range(multipliers.value.shape[0]):
-                    if multipliers.stage[e] == k and multipliers.point[e] == i:
-                        bent, o, lam = True, multipliers.obstacle[e], 2.0 * multipliers.value[e]
-                        dx, dy, dz = x[0] - p_WO[k, o, 0], x[1] - p_WO[k, o, 1], x[2] - p_WO[k, o, 2]
-                        v = STIFFENING * lam / (dx * dx + dy * dy + dz * dz)
-                        F[0] -= lam * dx
-                        F[1] -= lam * dy
-                        F[2] -= lam * dz
-                        diagonal -= lam
-                        S[0, 0] += v * dx * dx
-                        S[0, 1] += v * dx * dy
-                        S[0, 2] += v * dx * dz
-                        S[1, 1] += v * dy * dy
-                        S[1, 2] += v * dy * dz
-                        S[2, 2] += v * dz * dz
-            if not bent:
-                continue
-            if exact:
-                for r in range(3):
-                    S[r, r] += diagonal
-            for a in range(depth):
-                j = data.chain[link, a]
-                wx, wy, wz = R[j, 0, 2], R[j, 1, 2], R[j, 2, 2]
-                turns = 1.0 if exact and data.revolute[j] else 0.0
-                bend[a, 0] = turns * (F[1] * wz - F[2] * wy)
-                bend[a, 1] = turns * (F[2] * wx - F[0] * wz)
-                bend[a, 2] = turns * (F[0] * wy - F[1] * wx)
-                jx, jy, jz = columns[a, 0], columns[a, 1], columns[a, 2]
-                t0 = S[0, 0] * jx + S[0, 1] * jy + S[0, 2] * jz
-                t1 = S[0, 1] * jx + S[1, 1] * jy + S[1, 2] * jz
-                t2 = S[0, 2] * jx + S[1, 2] * jy + S[2, 2] * jz
-                for b in range(a + 1):
-                    H[row, data.chain[link, b], j] += (
-                        t0 * columns[b, 0]
-                        + t1 * columns[b, 1]
-                        + t2 * columns[b, 2]
-                        + bend[b, 0] * jx
-                        + bend[b, 1] * jy
-                        + bend[b, 2] * jz
-                    )
-        if derivatives:
-            for j in range(n):
-                for i in range(j):
-                    H[row, j, i] = H[row, i, j]
-    return f, g, H, P, J
+@njit(cache=True, inline="always")
+def _add_turn(data, at, R_ref, Q, quaternion, exact, g, H):
+    """Add gradient and Hessian of 4 εᵀQε: with a_j = R_refᵀω_j, ∂ε = ½(η a + a × ε) and ∂η = −½ a·ε."""
+    n, link, R, (eta, eps) = g.shape[0], data.link_E, at.R, quaternion
+    a, E, bend, We = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), 4.0 * Q * eps
+    for c in range(data.depth[link]):
+        j = data.chain[link, c]
+        if not data.revolute[j]:
+            continue
+        for r in range(3):
+            a[c, r] = R_ref[0, r] * R[j, 0, 2] + R_ref[1, r] * R[j, 1, 2] + R_ref[2, r] * R[j, 2, 2]
+        x, y, z = a[c, 0], a[c, 1], a[c, 2]
+        E[c, 0] = 0.5 * (eta * x + y * eps[2] - z * eps[1])
+        E[c, 1] = 0.5 * (eta * y + z * eps[0] - x * eps[2])
+        E[c, 2] = 0.5 * (eta * z + x * eps[1] - y * eps[0])
+        bend[c, 0], bend[c, 1], bend[c, 2] = We[1] * z - We[2] * y, We[2] * x - We[0] * z, We[0] * y - We[1] * x
+        d_eta = -0.5 * (x * eps[0] + y * eps[1] + z * eps[2])
+        g[j] += 2.0 * (We[0] * E[c, 0] + We[1] * E[c, 1] + We[2] * E[c, 2])
+        for b in range(c + 1):
+            h = 0.0
+            for r in range(3):
+                h += 8.0 * Q[r] * E[c, r] * E[b, r]
+                if exact:
+                    h += bend[b, r] * E[c, r] + d_eta * We[r] * a[b, r]
+            H[data.chain[link, b], j] += h

@@ -1,23 +1,44 @@
-"""One control step: inputs checked, problem solved, result checked for clearance, and braking where that fails."""
+"""Nonlinear model predictive control of an arm or a mobile manipulator among obstacles, eq. (9)–(22).
+
+With v_k = (q_{k+1} − q_k)/T_s, e the pose error and h the home posture, minimize over q_1 … q_N ::
+
+    Σ_{k=0}^{N−1} v_kᵀQ_v v_k + Σ_{k=1}^{N−1} [(q_k − h)ᵀQ_q(q_k − h) + e_kᵀQ_e e_k + O_k]
+                              + (q_N − h)ᵀR_q(q_N − h) + e_NᵀR_e e_N + r_O O_N,
+    O_k = Σ_ij c_i/(d_ijk² − d_min,i²)
+
+subject to |v_k| ≤ v_max, q_min ≤ q_k ≤ q_max, d_ijk² ≥ d_min,i², and −Δx sin θ̄ + Δy cos θ̄ = 0 for a platform that
+cannot slip. Corrected against the print: (15) pulls to a home posture, not to the origin, which would drag a platform
+there; in (17) the orientation's error is twice the vector part of the quaternion of R_refᵀR, as orientations have no
+differences.
+
+The cost is evaluated in `horizon`, the constraints in `rows`, and one of `solvers` finds the minimum. A minimum
+distance that cannot hold is relaxed at a high price. There is no guarantee that a feasible problem stays feasible:
+obstacles are predicted with constant velocity, and one that is faster than the robot can reach it. So a result is
+applied only if its first period is clear of the obstacles at all of several instants; else the robot brakes, all
+joints in proportion.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.control.nmpc.motion import advance, command_to, motion_clearance
+from saphari_drake.control.nmpc.data import Scene
+from saphari_drake.control.nmpc.kinematics import advance, command_to, motion_clearance
+from saphari_drake.control.nmpc.parameters import NmpcReference, NmpcStatus
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.control.nmpc.sqp import NmpcSolution, make_scene, solve
-from saphari_drake.messages import Immutable, NmpcReference, NmpcStatus, ObstaclePoints, ObstacleStatus
+from saphari_drake.control.nmpc.rows import feasible_start
+from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_dense
+from saphari_drake.control.nmpc.solvers.subproblem import QpStatus
+from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
 
 Array = NDArray[np.float64]
 
-# Instants within a period at which an applied motion is checked.
-SUBSTEPS = 10
-# m; what rounding may take from a clearance.
-ROUNDING = 1.0e-9
+SUBSTEPS = 10  # instants within a period at which an applied motion is checked
+ROUNDING = 1.0e-9  # m; what rounding may take from a clearance
 
 
 @dataclass(frozen=True)
@@ -27,15 +48,14 @@ class NmpcMemory(Immutable):
     Attributes
     ----------
     command, pending : (n,) arrays
-        Commands of this period and, with delay compensation, of the next one; see `motion.advance`.
+        Commands of this period and, with delay compensation, of the next one; see `kinematics.advance`.
     motion : (N + 1, n) array
         Predicted positions, from now on.
     status : NmpcStatus
     slack, clearance : float
         Largest predicted violation of a distance constraint, and the smallest clearance in this period (m).
     iterations : int
-    solve_time : float
-        Wall time of the last solution (s).
+        Quadratic programs solved.
     """
 
     command: Array
@@ -45,13 +65,53 @@ class NmpcMemory(Immutable):
     slack: float = 0.0
     clearance: float = np.inf
     iterations: int = 0
-    solve_time: float = 0.0
+
+
+class NmpcSolution(NamedTuple):
+    """What a solver found for one control step."""
+
+    Q: Array  # (N, n), positions of stages 1 … N
+    status: NmpcStatus  # SOLVED, REAL_TIME, UNCONVERGED or UNSOLVED
+    iterations: int = 0  # quadratic programs solved
+    slack: float = 0.0  # largest violation of a distance constraint, as length (m)
 
 
 def at_rest(problem: NmpcProblem, q: Array) -> NmpcMemory:
     """Return the memory of a controller that has not run yet."""
     zero = np.zeros(problem.n)
     return NmpcMemory(zero, zero, np.tile(q, (problem.N + 1, 1)))
+
+
+def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | None = None) -> NmpcSolution:
+    """Solve one control step with the solver that the parameters name.
+
+    Parameters
+    ----------
+    problem : NmpcProblem
+    scene : Scene
+    guess : (N, n) array
+        Of the positions; what breaks the limits is clipped.
+    iterations : int, optional
+        Most iterations; default: 1 in mode "real_time", else those of the parameters.
+    """
+    p, data = problem.params, problem.data
+    if problem.program is not None:
+        Q, found = problem.program.solve(scene, feasible_start(data, scene.q0, guess))
+        return NmpcSolution(Q, _status(found, found == QpStatus.SOLVED, NmpcStatus.UNCONVERGED))
+    if iterations is None:
+        iterations = 1 if p.mode == "real_time" else p.max_iterations
+    options = SqpOptions(iterations, p.tolerance, p.slack_penalty, p.exact_hessian and iterations > 1)
+    at = (solve_sqp_dense if p.solver == "daqp" else solve_sqp)(data, scene, guess, options)
+    stopped = NmpcStatus.REAL_TIME if iterations == 1 else NmpcStatus.UNCONVERGED
+    return NmpcSolution(at.Q, _status(at.status, at.converged, stopped), at.solved, at.slack)
+
+
+def _status(found: QpStatus, converged: bool, stopped: NmpcStatus) -> NmpcStatus:
+    if found in (QpStatus.INFEASIBLE, QpStatus.INDEFINITE):
+        return NmpcStatus.UNSOLVED
+    if found == QpStatus.EXHAUSTED:
+        return NmpcStatus.UNCONVERGED
+    return NmpcStatus.SOLVED if converged else stopped
 
 
 def brake(u: Array, a_max: Array, period: float) -> Array:
@@ -83,55 +143,45 @@ def nmpc_step(
     if fault is not None:
         start = q if np.all(np.isfinite(q)) and q.shape == (problem.n,) else memory.motion[0]
         return _braking(problem, memory, start, fault, np.inf)
-    p_WO, radius = problem.predict(obstacles, age)
     v_WO = np.ascontiguousarray(obstacles.v_WO, dtype=float)
+    seen = obstacles.p_WO + age * v_WO, v_WO, np.ascontiguousarray(obstacles.radius, dtype=float)
 
     def clearance(u: Array, instants: Array) -> float:
-        return float(motion_clearance(problem.data, q, u, p_WO[0], v_WO, radius, p.clearance_margin, instants))
+        return float(motion_clearance(problem.data, q, u, *seen, p.clearance_margin, instants))
 
     times = p.period * np.arange(1, SUBSTEPS + 1) / SUBSTEPS
     now = clearance(memory.command, np.zeros(1))
     inside = now < -ROUNDING
     if inside and not p.retreat:
         return _braking(problem, memory, q, NmpcStatus.START_INSIDE, now)
-    required = now if inside else 0.0
-    if p.delay_compensation:
-        # The command that was computed during the last period is applied now; the next one starts where it leads.
-        command, first = memory.pending, 1
-        start = advance(problem.data, q, command, p.period)
-        p_WO, radius = problem.predict(obstacles, age + p.period)
-    else:
-        command, first, start = memory.command, 0, q
-    scene = make_scene(problem, start, *problem.stages(reference, first), p_WO, radius)
+    required = (now if inside else 0.0) - ROUNDING
+    # With compensation, the command that was computed during the last period is applied now; the next starts where
+    # it leads.
+    late = p.delay_compensation
+    start = advance(problem.data, q, memory.pending, p.period) if late else q
+    scene = problem.scene(start, reference, obstacles, age, first=int(late))
     before = memory.motion if memory.status != NmpcStatus.WAITING else q[None]
-    solution = solve(problem, scene, before[np.minimum(np.arange(2, problem.N + 2) + first, len(before) - 1)])
-    upcoming = _command(problem, start, solution)
-    if not p.delay_compensation:
-        command = upcoming
-    left = clearance(command, times)
-    if p.mode == "real_time" and left < required - ROUNDING and not p.delay_compensation:
-        again = solve(problem, scene, solution.Q, p.max_iterations)
-        solution = replace(again, solve_time=again.solve_time + solution.solve_time)
-        command = upcoming = _command(problem, start, solution)
-        left = clearance(command, times)
-    if not np.all(np.isfinite(upcoming)):
-        return _braking(problem, memory, q, NmpcStatus.BRAKING, now)
-    if left < required - ROUNDING:
+    guess = before[np.minimum(np.arange(2, problem.N + 2) + late, len(before) - 1)]
+    solution = solve(problem, scene, guess)
+    upcoming = command_to(problem.data, start, solution.Q[0], p.period)
+    left = clearance(memory.pending if late else upcoming, times)
+    if p.mode == "real_time" and left < required and not late:
+        solution = solve(problem, scene, solution.Q, p.max_iterations)
+        upcoming = command_to(problem.data, start, solution.Q[0], p.period)
+        left = clearance(upcoming, times)
+    if solution.status == NmpcStatus.UNSOLVED or not np.all(np.isfinite(upcoming)):
+        return _braking(problem, memory, q, NmpcStatus.UNSOLVED, now)
+    if left < required:
         stopped = _braking(problem, memory, q, NmpcStatus.START_INSIDE if inside else NmpcStatus.BRAKING, now)
-        return replace(stopped, slack=solution.slack, iterations=solution.iterations, solve_time=solution.solve_time)
+        return replace(stopped, slack=solution.slack, iterations=solution.iterations)
     status = solution.status
     if inside:
         status = NmpcStatus.START_INSIDE
     elif solution.slack > 0.0:
         status = NmpcStatus.SLACK
-    motion = np.vstack([q, start, solution.Q[:-1]] if p.delay_compensation else [q, solution.Q])
-    return NmpcMemory(
-        command, upcoming, motion, status, solution.slack, min(now, left), solution.iterations, solution.solve_time
-    )
-
-
-def _command(problem: NmpcProblem, start: Array, solution: NmpcSolution) -> Array:
-    return np.asarray(command_to(problem.data, start, solution.Q[0], problem.params.period))
+    motion = np.vstack([q, start, solution.Q[:-1]] if late else [q, solution.Q])
+    command = memory.pending if late else upcoming
+    return NmpcMemory(command, upcoming, motion, status, solution.slack, min(now, left), solution.iterations)
 
 
 def _braking(problem: NmpcProblem, memory: NmpcMemory, q: Array, status: NmpcStatus, clearance: float) -> NmpcMemory:

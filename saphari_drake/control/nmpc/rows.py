@@ -1,4 +1,4 @@
-"""Distance constraints (22) of a horizon that can become active, with their linearization.
+"""Limits of a horizon, and distance constraints (22) that can become active, with their linearization.
 
 Between two samples a point moves relative to an obstacle from a to b. On the chord the distance is smallest at
 s* = −a·(b − a)/‖b − a‖², clipped to [0, 1], and the path of constant joint velocities leaves the chord by at most
@@ -21,7 +21,14 @@ from __future__ import annotations
 import numpy as np
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.nmpc.horizon import CURVATURE_FACTOR, PAD, Rows
+from saphari_drake.control.nmpc.kinematics import dot
+from saphari_drake.control.nmpc.solvers.subproblem import Rows
+
+# A curved path leaves its chord by at most max ‖p̈‖ T_s²/8; ‖p̈‖ is bounded at the end of the interval, and this factor
+# covers its change over the interval.
+CURVATURE_FACTOR = 1.25
+# m; added to the minimum distance with the margin between samples, for what an iteration leaves.
+PAD = 1.0e-5
 
 
 @njit(cache=True)
@@ -30,12 +37,39 @@ def reachable(data, q0, k):
 
     Where q0 is outside its limits already, it need not jump back.
     """
-    reach = k * data.period * data.v_max
     low, high = np.empty_like(q0), np.empty_like(q0)
     for j in range(q0.shape[0]):
-        low[j] = max(min(data.q_min[j], q0[j]), q0[j] - reach[j])
-        high[j] = min(max(data.q_max[j], q0[j]), q0[j] + reach[j])
+        reach = k * data.period * data.v_max[j]
+        low[j] = max(min(data.q_min[j], q0[j]), q0[j] - reach)
+        high[j] = min(max(data.q_max[j], q0[j]), q0[j] + reach)
     return low, high
+
+
+@njit(cache=True)
+def feasible_start(data, q0, Q):
+    """Return Q (N, n) moved into velocity and position limits, stage by stage from q0."""
+    out, before = np.empty_like(Q), q0
+    for k in range(Q.shape[0]):
+        for j in range(Q.shape[1]):
+            reach = data.period * data.v_max[j]
+            low = max(min(data.q_min[j], q0[j]), before[j] - reach)
+            high = min(max(data.q_max[j], q0[j]), before[j] + reach)
+            out[k, j] = min(max(Q[k, j], low), high)
+        before = out[k]
+    return out
+
+
+@njit(cache=True)
+def step_limits(data, q0, Q):
+    """Return bounds (N, n) of δ_k, lower and upper, and of δ_k − δ_{k−1}, that keep the limits from iterate Q on."""
+    low, high, v_low, v_high = np.empty_like(Q), np.empty_like(Q), np.empty_like(Q), np.empty_like(Q)
+    for k in range(Q.shape[0]):
+        for j in range(Q.shape[1]):
+            step, reach = Q[k, j] - (Q[k - 1, j] if k > 0 else q0[j]), data.period * data.v_max[j]
+            low[k, j] = min(data.q_min[j], q0[j]) - Q[k, j]
+            high[k, j] = max(data.q_max[j], q0[j]) - Q[k, j]
+            v_low[k, j], v_high[k, j] = -reach - step, reach - step
+    return low, high, v_low, v_high
 
 
 @njit(cache=True)
@@ -49,8 +83,7 @@ def sagitta(data, q_a, q_b, J, link):
     for a in range(data.depth[link]):
         j = data.chain[link, a]
         step = abs(q_b[j] - q_a[j])
-        length = np.sqrt(J[j, 0] ** 2 + J[j, 1] ** 2 + J[j, 2] ** 2)
-        total += length * step * (2.0 * turning + (step if data.revolute[j] else 0.0))
+        total += length(J[j]) * step * (2.0 * turning + (step if data.revolute[j] else 0.0))
         if data.revolute[j]:
             turning += step
     if data.base.shape[0] == 3:
@@ -60,14 +93,9 @@ def sagitta(data, q_a, q_b, J, link):
 
 
 @njit(cache=True)
-def closest_on_chord(a, b):
-    """Return s* and the point a + s*(b − a) that is nearest to the origin, for (3,) arrays."""
-    u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-    length2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-    s = 1.0
-    if length2 > 1e-18:
-        s = min(max(-(a[0] * u[0] + a[1] * u[1] + a[2] * u[2]) / length2, 0.0), 1.0)
-    return s, (a[0] + s * u[0], a[1] + s * u[1], a[2] + s * u[2])
+def length(x):
+    """Norm of three numbers."""
+    return np.sqrt(dot(x, x))
 
 
 @njit(cache=True)
@@ -75,133 +103,106 @@ def clearance(a, b, d, k, swept):
     """Return z of the way from a to b (3,) in interval k, for distance d to keep, and its gradients in a and b."""
     nothing = (0.0, 0.0, 0.0)
     if not swept:
-        return b[0] ** 2 + b[1] ** 2 + b[2] ** 2 - d * d, nothing, (2.0 * b[0], 2.0 * b[1], 2.0 * b[2])
-    if k == 1:
-        s, m = closest_on_chord(a, b)
-        z = m[0] ** 2 + m[1] ** 2 + m[2] ** 2 - d * d
-        return z, nothing, (2.0 * s * m[0], 2.0 * s * m[1], 2.0 * s * m[2])
+        return dot(b, b) - d * d, nothing, (2.0 * b[0], 2.0 * b[1], 2.0 * b[2])
     u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-    z = b[0] ** 2 + b[1] ** 2 + b[2] ** 2 - d * d - 0.25 * (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
+    if k == 1:
+        s = min(max(-dot(a, u) / dot(u, u), 0.0), 1.0) if dot(u, u) > 1e-18 else 1.0
+        m = (a[0] + s * u[0], a[1] + s * u[1], a[2] + s * u[2])
+        return dot(m, m) - d * d, nothing, (2.0 * s * m[0], 2.0 * s * m[1], 2.0 * s * m[2])
     from_a = (0.5 * u[0], 0.5 * u[1], 0.5 * u[2])
-    return z, from_a, (2.0 * b[0] - from_a[0], 2.0 * b[1] - from_a[1], 2.0 * b[2] - from_a[2])
-
-
-@njit(cache=True)
-def length(x):
-    """Norm of a tuple of three."""
-    return np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
+    from_b = (2.0 * b[0] - from_a[0], 2.0 * b[1] - from_a[1], 2.0 * b[2] - from_a[2])
+    return dot(b, b) - d * d - 0.25 * dot(u, u), from_a, from_b
 
 
 @njit(cache=True)
 def travel(data, q0, Q, J, step):
     """Return ρ (N + 1, points), how far (m) a step of entries up to `step` moves each point in the linearization."""
     N, n = Q.shape
-    points = data.link_C.shape[0]
-    rho = np.zeros((N + 1, points))
+    rho = np.zeros((N + 1, data.link_C.shape[0]))
     for k in range(1, N + 1):
         low, high = reachable(data, q0, k)
-        for i in range(points):
+        for i in range(rho.shape[1]):
             for j in range(n):
-                length = np.sqrt(J[k, i, j, 0] ** 2 + J[k, i, j, 1] ** 2 + J[k, i, j, 2] ** 2)
-                rho[k, i] += length * min(step, max(abs(low[j] - Q[k - 1, j]), abs(high[j] - Q[k - 1, j])))
+                far = max(abs(low[j] - Q[k - 1, j]), abs(high[j] - Q[k - 1, j]))
+                rho[k, i] += length(J[k, i, j]) * min(step, far)
     return rho
-
-
-@njit(cache=True)
-def minimum_distances(data, q0, Q, J, i, k):
-    """Return the distance (m) that row (k, i) has to keep, obstacle radius apart."""
-    if not data.swept:
-        return data.d_min[i]
-    q_a = Q[k - 2] if k > 1 else q0
-    return data.d_min[i] + PAD + sagitta(data, q_a, Q[k - 1], J[k, i], data.link_C[i])
-
-
-@njit(cache=True)
-def distance_rows(data, q0, Q, P, J, p_WO, radius, step, everything):
-    """Return the linearised rows (22) that steps up to `step` can make active, or all of them if `everything`.
-
-    Parameters
-    ----------
-    data, q0, Q, p_WO, radius
-        As in `horizon.evaluate`.
-    P, J : (N + 1, points, 3) and (N + 1, points, n, 3) arrays
-        Points and Jacobians that it returns.
-    """
-    N, n = Q.shape
-    points, m = data.link_C.shape[0], radius.shape[0]
-    capacity = N * points * m if everything else min(N * points * m, 128)
-    index = np.empty((3, capacity), np.int64)
-    z = np.empty(capacity)
-    A, B = np.zeros((capacity, n)), np.zeros((capacity, n))
-    rho = travel(data, q0, Q, J, step)
-    a, b = np.empty(3), np.empty(3)
-    count = 0
-    if data.rows_on:
-        for k in range(1, N + 1):
-            for i in range(points):
-                d_i = minimum_distances(data, q0, Q, J, i, k)
-                for o in range(m):
-                    for r in range(3):
-                        a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
-                        b[r] = P[k, i, r] - p_WO[k, o, r]
-                    d = d_i + radius[o]
-                    value, from_a, from_b = clearance(a, b, d, k, data.swept)
-                    reach = length(from_a) * rho[k - 1, i] + length(from_b) * rho[k, i]
-                    if not everything and (value > reach or reach == 0.0):
-                        continue
-                    if count == capacity:
-                        capacity = 2 * capacity
-                        index, z, A, B = grow(index, z, A, B, capacity)
-                    index[0, count], index[1, count], index[2, count] = k, i, o
-                    z[count] = value
-                    for j in range(n):
-                        B[count, j] = from_b[0] * J[k, i, j, 0] + from_b[1] * J[k, i, j, 1] + from_b[2] * J[k, i, j, 2]
-                        if k > 1 and data.swept:
-                            A[count, j] = (
-                                from_a[0] * J[k - 1, i, j, 0]
-                                + from_a[1] * J[k - 1, i, j, 1]
-                                + from_a[2] * J[k - 1, i, j, 2]
-                            )
-                    count += 1
-    return Rows(index[0][:count], index[1][:count], index[2][:count], z[:count], A[:count], B[:count])
-
-
-@njit(cache=True)
-def grow(index, z, A, B, capacity):
-    """Return the same arrays with room for `capacity` rows."""
-    n, count = A.shape[1], z.shape[0]
-    index_, z_ = np.empty((3, capacity), np.int64), np.empty(capacity)
-    A_, B_ = np.zeros((capacity, n)), np.zeros((capacity, n))
-    index_[:, :count], z_[:count], A_[:count], B_[:count] = index, z, A, B
-    return index_, z_, A_, B_
 
 
 @njit(cache=True)
 def kept_distances(data, q0, Q, J):
     """Return the distances (N + 1, points) that the rows have to keep (m), obstacle radius apart; stage 0 has none."""
     kept = np.zeros((Q.shape[0] + 1, data.link_C.shape[0]))
-    if data.rows_on:
-        for k in range(1, Q.shape[0] + 1):
-            for i in range(kept.shape[1]):
-                kept[k, i] = minimum_distances(data, q0, Q, J, i, k)
+    for k in range(1, kept.shape[0]):
+        for i in range(kept.shape[1]):
+            kept[k, i] = data.d_min[i]
+            if data.swept:
+                q_a = Q[k - 2] if k > 1 else q0
+                kept[k, i] += PAD + sagitta(data, q_a, Q[k - 1], J[k, i], data.link_C[i])
     return kept
 
 
 @njit(cache=True)
-def violation(data, P, kept, p_WO, radius):
+def distance_rows(data, scene, Q, at, kept, step, everything):
+    """Return the linearised rows (22) that steps up to `step` can make active, or all of them if `everything`.
+
+    Parameters
+    ----------
+    data, scene, Q
+        As in `horizon.evaluate`.
+    at : Expansion
+    kept : (N + 1, points) array
+        See `kept_distances`.
+    """
+    N, n = Q.shape
+    points, m = data.link_C.shape[0], scene.radius.shape[0]
+    most = N * points * m if data.rows_on else 0  # memory that is never written to costs nothing
+    index, z = np.empty((3, most), np.int64), np.empty(most)
+    A, B = np.empty((most, n)), np.empty((most, n))
+    rho, a, b = travel(data, scene.q0, Q, at.J, step), np.empty(3), np.empty(3)
+    count = 0
+    for way in range(most):
+        k, i, o = way // m // points + 1, way // m % points, way % m
+        for r in range(3):
+            a[r] = at.P[k - 1, i, r] - scene.p_WO[k - 1, o, r]
+            b[r] = at.P[k, i, r] - scene.p_WO[k, o, r]
+        value, from_a, from_b = clearance(a, b, kept[k, i] + scene.radius[o], k, data.swept)
+        reach = length(from_a) * rho[k - 1, i] + length(from_b) * rho[k, i]
+        if not everything and (value > reach or reach == 0.0):
+            continue
+        index[0, count], index[1, count], index[2, count] = k, i, o
+        z[count] = value
+        for j in range(n):
+            A[count, j] = dot(from_a, at.J[k - 1, i, j]) if k > 1 else 0.0
+            B[count, j] = dot(from_b, at.J[k, i, j])
+        count += 1
+    return Rows(index[0, :count], index[1, :count], index[2, :count], z[:count], A[:count], B[:count])
+
+
+@njit(cache=True)
+def violation(data, scene, P, kept):
     """Return Σ max(0, −z) over all rows (22), for points P (N + 1, points, 3) and `kept_distances`."""
-    total = 0.0
+    total, a, b = 0.0, np.empty(3), np.empty(3)
+    p_WO, radius, swept = scene.p_WO, scene.radius, data.swept
     if not data.rows_on:
         return total
-    a, b = np.empty(3), np.empty(3)
     for k in range(1, P.shape[0]):
         for i in range(P.shape[1]):
             for o in range(radius.shape[0]):
                 for r in range(3):
                     a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
                     b[r] = P[k, i, r] - p_WO[k, o, r]
-                total += max(0.0, -clearance(a, b, kept[k, i] + radius[o], k, data.swept)[0])
+                total += max(0.0, -clearance(a, b, kept[k, i] + radius[o], k, swept)[0])
     return total
+
+
+@njit(cache=True)
+def slack_length(data, scene, rows, slack):
+    """Return the largest slack (m²) of the distance rows as the length (m) by which a distance falls short."""
+    longest = 0.0
+    for r in range(slack.shape[0]):
+        d = data.d_min[rows.point[r]] + scene.radius[rows.obstacle[r]]
+        longest = max(longest, d - np.sqrt(max(d * d - slack[r], 0.0)))
+    return longest
 
 
 @njit(cache=True)

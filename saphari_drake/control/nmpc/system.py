@@ -10,10 +10,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
+from saphari_drake.control.nmpc.kinematics import joint_velocity
 from saphari_drake.control.nmpc.law import NmpcMemory, at_rest, nmpc_step
-from saphari_drake.control.nmpc.motion import joint_velocity
-from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.messages import NmpcReference, ObstaclePoints
+from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
+from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle
 
@@ -35,7 +36,6 @@ class NmpcController(LeafSystem):
         - predicted_motion
         - status
         - slack
-        - solve_time
         - min_clearance
         - base_twist
 
@@ -49,15 +49,11 @@ class NmpcController(LeafSystem):
     predicted_motion : (N + 1) n (rad or m), positions at the stages 0 … N, one stage after the other.
     status : 1, `NmpcStatus`.
     slack : 1 (m), largest violation of a minimum distance that the prediction had to accept.
-    solve_time : 1 (s), wall time of the last solution.
     min_clearance : 1 (m), smallest distance beyond the minimum ones in the period that begins, as predicted.
     base_twist : 2 (m/s, rad/s), forward speed and turning rate. Only for a platform that cannot slip.
 
-    Each period it solves the problem of `NmpcProblem` and applies the velocity of the first stage. A result is applied
-    only if its first period is clear of the obstacles at all of several instants; else the robot brakes, all joints in
-    proportion. A constraint that cannot hold is relaxed at a high price, which `slack` shows. State: the command and
-    the predicted motion, which is the next guess. There is no guarantee that a feasible problem stays feasible:
-    obstacles are predicted with constant velocity, and one that is faster than the robot can reach it.
+    Each period `law.nmpc_step` solves its problem and applies the velocity of the first stage, or brakes. State: its
+    `NmpcMemory`, whose predicted motion is the next guess.
     """
 
     def __init__(
@@ -82,7 +78,7 @@ class NmpcController(LeafSystem):
         nmpc_step(problem, memory, robot.home, self._home, far, 0.0)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
         ticket = self.abstract_state_ticket(self._memory)
-        prerequisites = {ticket, self._position.ticket()} if problem.base else {ticket}
+        prerequisites = {ticket, self._position.ticket()} if problem.params.nonholonomic else {ticket}
         self.DeclareVectorOutputPort(
             "velocity_commanded", BasicVector(robot.n), self._calc_velocity, prerequisites_of_calc=prerequisites
         )
@@ -90,11 +86,10 @@ class NmpcController(LeafSystem):
             "predicted_motion": ((problem.N + 1) * robot.n, lambda m: m.motion.ravel()),
             "status": (1, lambda m: [float(m.status)]),
             "slack": (1, lambda m: [m.slack]),
-            "solve_time": (1, lambda m: [m.solve_time]),
             "min_clearance": (1, lambda m: [m.clearance]),
         }
-        if problem.base:
-            x, _, theta = problem.base
+        if problem.params.nonholonomic:
+            x, _, theta = problem.data.base
             readouts["base_twist"] = (2, lambda m: m.command[[x, theta]])
         for name, (size, read) in readouts.items():
             self.DeclareVectorOutputPort(
@@ -110,13 +105,12 @@ class NmpcController(LeafSystem):
         return context.get_abstract_state(int(self._memory)).get_value()
 
     def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        command = self._state(context).command
-        if self.problem.base:
-            q = np.array(self._position.Eval(context))
-            known = np.all(np.isfinite(q))
-            output.SetFromVector(joint_velocity(self.problem.data, q, command) if known else np.zeros(len(q)))
-        else:
-            output.SetFromVector(np.clip(command, -self.problem.v_max, self.problem.v_max))
+        data, command = self.problem.data, self._state(context).command
+        if not len(data.base):
+            output.SetFromVector(np.clip(command, -data.v_max, data.v_max))
+            return
+        q = np.array(self._position.Eval(context))
+        output.SetFromVector(joint_velocity(data, q, command) if np.all(np.isfinite(q)) else 0.0 * command)
 
     def _update(self, context: Context, state: State) -> EventStatus:
         q = np.array(self._position.Eval(context))

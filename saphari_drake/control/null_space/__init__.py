@@ -1,1 +1,5 @@
 """Compliance of the null space below a Cartesian task."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

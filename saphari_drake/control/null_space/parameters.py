@@ -1,13 +1,24 @@
 """Parameters of the null-space compliance."""
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 
-OBSERVERS = ("none", "task_error", "task_error_pd", "momentum")
+
+class Observer(IntEnum):
+    """Which estimate of the external torque keeps the task; by its name in lower case a value of `observer`."""
+
+    NONE = 0
+    TASK_ERROR = 1  # Proposition 1
+    TASK_ERROR_PD = 2  # Proposition 2
+    MOMENTUM = 3  # Proposition 3
+
+
+OBSERVERS = tuple(observer.name.lower() for observer in Observer)
 TASKS = {"position": 3, "pose": 6}
 
 

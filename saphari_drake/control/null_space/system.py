@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +11,21 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, State
 
 from saphari_drake.control.null_space.law import (
-    MOMENTUM,
-    NONE,
-    TASK_ERROR_PD,
+    Desired,
+    Frame,
     FrameState,
-    TaskGains,
+    Gains,
+    JointState,
+    Yielding,
     advance_offset,
     command_terms,
     frame_state,
 )
-from saphari_drake.control.null_space.parameters import OBSERVERS, TASKS, NullSpaceComplianceParameters
+from saphari_drake.control.null_space.parameters import TASKS, NullSpaceComplianceParameters, Observer
 from saphari_drake.control.null_space.stability import gamma_bound_around, require_gamma
 from saphari_drake.errors import ParameterError, StateError
-from saphari_drake.math.saturation import limit_torque
 from saphari_drake.math.task_space import TaskSpace
-from saphari_drake.messages import Immutable
+from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import diagonal
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -44,13 +44,12 @@ class _Memory(Immutable):
 
 
 class _Output(NamedTuple):
-    terms: Array  # (5, n), by TERMS; their sum is the command before limits
-    torque: Array
-    excess: Array
+    terms: Array  # (5, n), by TERMS; their sum is the command
     error: Array
     drive: Array
     above: float  # external torque over the threshold, in bands
-    X_WD: RigidTransform  # desired pose
+    X_WD: RigidTransform | None  # desired pose
+    status: SystemStatus = SystemStatus.OK
 
 
 class NullSpaceComplianceController(LeafSystem):
@@ -61,34 +60,34 @@ class NullSpaceComplianceController(LeafSystem):
         name: NullSpaceComplianceController
         input_ports:
         - dynamics
-        - torque_estimated
-        - residual
+        - torque_external
+        - torque_external_task
         - desired_pose
         - desired_velocity
         - desired_acceleration
         - nominal_posture
         output_ports:
         - torque_commanded
-        - torque_excess
         - torque_terms
         - task_error
         - observer_drive
+        - system_status
         - yielding
 
     Ports
     -----
     dynamics : abstract `DynamicsTerms`.
-    torque_estimated : n (Nm), τ̂ from `DisturbanceObserver`; needed with task_error and task_error_pd.
-    residual : n (Nm), from `MomentumObserver`; needed with momentum, and with the others for the threshold, unless it
-        is infinite.
+    torque_external : n (Nm), r from `MomentumObserver`; needed with momentum, and with the others for the threshold,
+        unless it is infinite.
+    torque_external_task : n (Nm), −τ̂ from `DisturbanceObserver`; needed with task_error and task_error_pd.
     desired_pose : abstract `RigidTransform` in the world, optional; default: the pose at the start.
     desired_velocity, desired_acceleration : 6 ([ω; v] in the world, and its derivative), optional; default: zero.
     nominal_posture : n (rad or m), optional; the posture that the body tends to, default: the robot's home.
-    torque_commanded : n (Nm), within the robot's limits.
-    torque_excess : n (Nm), what the limits cut off.
+    torque_commanded : n (Nm), without limits; NaN while an input is not finite, as terms and error.
     torque_terms : 5n (Nm), the parts named in `TERMS` one after the other.
     task_error : m ([rad and] m), desired minus actual, in the world.
-    observer_drive : n, what `DisturbanceObserver` integrates; zero while torque is cut off, the task yields or returns.
+    observer_drive : n, what `DisturbanceObserver` integrates; zero while the task yields or returns.
+    system_status : 1, a `SystemStatus`; nothing that is remembered changes while it is BAD_INPUT.
     yielding : 1, from 0 (the task is kept) to 1 (it yields: damping alone, no compensation).
 
     Law: τ = Jᵀ F + P_cᵀ(…) + C q̇ + g with F from `task_force` and the null space from `null_space_torque`.
@@ -102,54 +101,49 @@ class NullSpaceComplianceController(LeafSystem):
         super().__init__()
         self._robot, self.params = robot, params or NullSpaceComplianceParameters()
         p, n = self.params, robot.n
-        self.m, self.observer = TASKS[p.task], OBSERVERS.index(p.observer)
+        self.m, self.observer = TASKS[p.task], Observer[p.observer.upper()]
         if not n > self.m:
             raise ParameterError("task", f"{p.task} leaves no null space on {robot.name}, which has {n} joints")
         self._read(p)
         terms = evaluate_dynamics(robot, robot.home, np.zeros(n))
-        self._zero = zero = np.zeros(n)
-        self._rest = rest = np.zeros(6)
+        self._zero, self._rest = zero, rest = np.zeros(n), np.zeros(6)
         self._command(terms, RigidTransform(), rest, rest, zero, _Memory(), robot.home)  # compiles
-        if self.observer == TASK_ERROR_PD:
+        if self.observer == Observer.TASK_ERROR_PD:
             g = self.gains
             require_gamma(p.gamma, gamma_bound_around(robot, self._task_at, g.K_x, g.D, g.scale, p.gamma_region))
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._estimated = self.DeclareVectorInputPort("torque_estimated", BasicVector(n))
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(n))
+        self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
+        self._disturbance = self.DeclareVectorInputPort("torque_external_task", BasicVector(n))
         self._pose = self.DeclareAbstractInputPort("desired_pose", AbstractValue.Make(RigidTransform()))
         self._velocity = self.DeclareVectorInputPort("desired_velocity", BasicVector(6))
         self._acceleration = self.DeclareVectorInputPort("desired_acceleration", BasicVector(6))
         self._posture = self.DeclareVectorInputPort("nominal_posture", BasicVector(n))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(p.period), update=self._update)
-        start = _Output(np.zeros((len(TERMS), n)), zero, zero, np.zeros(self.m), zero, 0.0, RigidTransform())
-        ports = (
-            self._dynamics, self._estimated, self._residual, self._pose, self._velocity, self._acceleration,
-            self._posture,
-        )  # fmt: skip
-        tickets = {port.ticket() for port in ports} | {self.abstract_state_ticket(self._memory)}
-        self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
+        nan = np.full((len(TERMS), n), np.nan)
+        self._unknown = _Output(nan, np.full(self.m, np.nan), zero, 0.0, None, SystemStatus.BAD_INPUT)
+        state = self.abstract_state_ticket(self._memory)
+        self._output = declare_cache(
+            self, "torque", self._unknown, self._evaluate, {self.all_input_ports_ticket(), state}
+        )
         readouts = {
-            "torque_commanded": (n, lambda o: o.torque),
-            "torque_excess": (n, lambda o: o.excess),
+            "torque_commanded": (n, lambda o: o.terms.sum(axis=0)),
             "torque_terms": (len(TERMS) * n, lambda o: o.terms.ravel()),
             "task_error": (self.m, lambda o: o.error),
             "observer_drive": (n, lambda o: o.drive),
+            "system_status": (1, lambda o: [o.status]),
         }
         declare_readouts(self, self._output, readouts)
-        self.DeclareVectorOutputPort(
-            "yielding",
-            BasicVector(1),
-            lambda context, output: output.SetFromVector([self._remembered(context).yielding]),
-            {self.abstract_state_ticket(self._memory)},
-        )
+        yielding = declare_cache(self, "yielding", 0.0, lambda context: self._remembered(context).yielding, {state})
+        declare_readouts(self, yielding, {"yielding": (1, lambda share: [share])})
 
     def _read(self, p: NullSpaceComplianceParameters) -> None:
         def gain(linear, angular, name: str) -> Array:
             values = diagonal(linear, 3, name)
             return values if self.m == 3 else np.concatenate([diagonal(angular, 3, f"{name}_rotation"), values])
 
-        self.gains = TaskGains(
+        self.gains = Gains(
+            int(self.observer),
             gain(p.P, p.P, "P"),
             gain(p.K, p.K_rotation, "K"),
             gain(p.D, p.D_rotation, "D"),
@@ -158,26 +152,24 @@ class NullSpaceComplianceController(LeafSystem):
             gain(p.K_v, p.K_v, "K_v"),
             gain(p.K_p, p.K_p, "K_p"),
             gain(1.0, p.rotation_length, "scale"),
+            diagonal(p.null_stiffness, self._robot.n, "null_stiffness"),
+            diagonal(p.null_damping, self._robot.n, "null_damping"),
+            float(p.yield_damping),
             float(p.period),
         )
         self._return = p.return_turn, p.return_speed
         self._fade = float(np.exp(-p.period / p.yield_time))
-        self._yield_damping = float(p.yield_damping)
-        self._stiffness = diagonal(p.null_stiffness, self._robot.n, "null_stiffness")
-        self._damping = diagonal(p.null_damping, self._robot.n, "null_damping")
         link, X_LE = self._robot.frame(p.frame or self._robot.link_names[-1])
         if link < 0:
             raise ParameterError("frame", f"'{p.frame}' does not move")
         max_mass = gain(p.max_effective_mass, p.max_effective_inertia, "max_effective_mass")
         R_LE = np.array(X_LE.rotation().matrix(), order="C")
-        self._frame = link, R_LE, np.array(X_LE.translation()), max_mass
-        t = self._robot.tree
-        self._tree = t.parent, t.mass, t.com, t.inertia
+        self._frame = Frame(link, R_LE, np.array(X_LE.translation()), max_mass)
 
     def kinematics(self, terms: DynamicsTerms) -> FrameState:
         """Return pose and velocity of the controlled frame, and its task space, at a state."""
-        d, frame = terms, self._frame
-        return frame_state(*self._tree, d.S, d.V, d.R_WL, d.p_WL, d.M, d.v, *frame)
+        state: FrameState = frame_state(self._robot.tree, terms.motion, terms.v, terms.M, self._frame)
+        return state
 
     def _task_at(self, q: Array, v: Array) -> TaskSpace:
         return self.kinematics(evaluate_dynamics(self._robot, q, v)).task
@@ -190,12 +182,14 @@ class NullSpaceComplianceController(LeafSystem):
         self, d: DynamicsTerms, X: RigidTransform, V: Array, A: Array, estimate: Array, memory: _Memory, q_d: Array
     ) -> tuple[Array, Array, Array]:
         # Arrays from ports are copied: numba compiles anew for other strides and for what is read-only.
-        return command_terms(
-            *self._tree, d.S, d.V, d.R_WL, d.p_WL, d.M, d.Cv, d.g, d.q, d.v, *self._frame,
-            np.array(X.rotation().matrix(), order="C"), np.array(X.translation()), np.array(V), np.array(A),
-            memory.offset, memory.speed, self.observer, np.array(estimate), self.gains, memory.yielding,
-            self._yield_damping, np.array(q_d), self._stiffness, self._damping,
-        )  # fmt: skip
+        R = np.array(X.rotation().matrix(), order="C")
+        desired = Desired(R, np.array(X.translation()), np.array(V), np.array(A), np.array(q_d))
+        yielding = Yielding(memory.yielding, memory.offset, memory.speed)
+        joints, estimate = JointState(d.q, d.v, d.M, d.Cv, d.g), np.array(estimate)
+        result: tuple[Array, Array, Array] = command_terms(
+            self._robot.tree, d.motion, joints, self._frame, desired, yielding, estimate, self.gains
+        )
+        return result
 
     def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
@@ -204,36 +198,38 @@ class NullSpaceComplianceController(LeafSystem):
     def _estimates(self, context: Context) -> tuple[Array, Array]:
         """Return τ̂ for the task, and what the residual says of the external torque for the threshold (n,)."""
         name, seen = self.params.observer, self._zero
-        if self._residual.HasValue(context):
-            seen = -self._residual.Eval(context)
-        elif self.observer == MOMENTUM:
-            raise StateError(f"residual: not connected, but the observer '{name}' needs it")
+        if self._external.HasValue(context):
+            seen = -self._external.Eval(context)
+        elif self.observer == Observer.MOMENTUM:
+            raise StateError(f"torque_external: not connected, but the observer '{name}' needs it")
         elif math.isfinite(self.params.torque_threshold):
-            raise StateError("residual: not connected, but torque_threshold needs it (set it to inf to do without)")
-        if self.observer in (MOMENTUM, NONE):
-            return seen if self.observer == MOMENTUM else self._zero, seen
-        if not self._estimated.HasValue(context):
-            raise StateError(f"torque_estimated: not connected, but the observer '{name}' needs it")
-        return self._estimated.Eval(context), seen
+            raise StateError("torque_external: not connected, but torque_threshold needs it (inf: do without)")
+        if self.observer in (Observer.MOMENTUM, Observer.NONE):
+            return seen if self.observer == Observer.MOMENTUM else self._zero, seen
+        if not self._disturbance.HasValue(context):
+            raise StateError(f"torque_external_task: not connected, but the observer '{name}' needs it")
+        return -self._disturbance.Eval(context), seen
 
     def _evaluate(self, context: Context) -> _Output:
-        p, robot, memory = self.params, self._robot, self._remembered(context)
+        p, memory = self.params, self._remembered(context)
         terms: DynamicsTerms = self._dynamics.Eval(context)
-        X_WD = self._pose.Eval(context) if self._pose.HasValue(context) else memory.X_WD or self._pose_of(terms)
-        V, A = (_value(port, context, self._rest) for port in (self._velocity, self._acceleration))
         estimate, external = self._estimates(context)
-        q_d = _value(self._posture, context, robot.home)
+        V, A = (_value(port, context, self._rest) for port in (self._velocity, self._acceleration))
+        q_d, X_WD = _value(self._posture, context, self._robot.home), _value(self._pose, context, memory.X_WD)
+        target = self._zero if X_WD is None else X_WD.GetAsMatrix34()
+        if not terms.finite or status_of(estimate, external, V, A, q_d, target) != SystemStatus.OK:
+            return self._unknown
+        X_WD = X_WD or self._pose_of(terms)
         parts, error, drive = self._command(terms, X_WD, V, A, estimate, memory, q_d)
-        torque, excess = limit_torque(parts.sum(axis=0), robot.tau_max)
-        if memory.yielding > 0.0 or memory.speed.any() or excess.any():
+        if memory.yielding > 0.0 or memory.speed.any():
             drive = self._zero
         above = (float(np.abs(external).max()) - p.torque_threshold) / p.threshold_band
-        if math.isnan(above):
-            raise StateError(f"residual: not finite: {external.tolist()}")
-        return _Output(parts, torque, excess, error, drive, above, X_WD)
+        return _Output(parts, error, drive, above, X_WD)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Output = self._output.Eval(context)
+        if now.status != SystemStatus.OK:
+            return
         a = min(max(now.above, 0.0), 1.0)
         target = a * a * (3.0 - 2.0 * a)
         before = self._remembered(context)
@@ -250,5 +246,5 @@ class NullSpaceComplianceController(LeafSystem):
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
 
-def _value(port: InputPort, context: Context, default: Array) -> Array:
+def _value(port: InputPort, context: Context, default: Any) -> Any:
     return port.Eval(context) if port.HasValue(context) else default

@@ -1,1 +1,5 @@
 """Task priorities with reversed recursion: velocities for stacks of tasks and bounds."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

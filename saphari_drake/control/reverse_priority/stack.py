@@ -1,4 +1,4 @@
-"""A priority stack made ready for one robot: its levels as tables, evaluated and solved in compiled passes."""
+"""A priority stack made ready for one robot: its levels as a table of scalar rows, evaluated and solved in one pass."""
 
 from __future__ import annotations
 
@@ -9,24 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.reverse_priority.components import (
-    feature,
-    feature_table,
-    point_rows,
-    rotation_error,
-    world_point,
-)
-from saphari_drake.control.reverse_priority.solver import CONSTRAINTS, TASK, solve_stack
-from saphari_drake.control.reverse_priority.tasks import Bound, Component, FrameTask, Level, ScalarTask, Task
+from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, allowed_rate, solve_stack
+from saphari_drake.control.reverse_priority.tasks import Bound, Component, FrameTask, Kind, Level, ScalarTask, Task
 from saphari_drake.errors import ModelError, ParameterError, StateError
-from saphari_drake.math.products import product
+from saphari_drake.math.products import apply, product
+from saphari_drake.math.rotations import rotation_log
 from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.math.tree_matrices import jacobian, world_point
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
-
 REFERENCE_SIZE = 18  # rotation row by row, position, angular and linear velocity
-_FRAME, _SCALAR = 0, 1
+_NEAR = 1e-9  # m; closer than this a target has no direction
 
 
 class StackResult(NamedTuple):
@@ -36,19 +30,28 @@ class StackResult(NamedTuple):
     activation: Array  # (c,) h of each constraint
     error: Array  # (t,) of each task row
     scale: float  # factor on the tasks
-    status: int  # 0 as asked, 1 tasks scaled, 2 constraints need more than the velocity limits
+    status: PriorityStatus
     x: Array  # (c,) values of the constraints, upper bounds positive, lower ones as −x_C
     J_tasks: Array  # (t, n) rows of all tasks
 
 
-class _Table(NamedTuple):
-    kinds: NDArray[np.int64]
-    links: NDArray[np.int64]
-    points: Array
-    indices: NDArray[np.int64]
-    directions: Array
-    lengths: Array
-    signs: Array
+class Table(NamedTuple):
+    """Constants of all rows; the first seven are those of a `Component`, the sign is −1 for a lower bound."""
+
+    kind: NDArray[np.int64]
+    link: NDArray[np.int64]
+    p_LC: Array  # (r, 3)
+    number: NDArray[np.int64]  # `index` of the component
+    direction: Array  # (r, 3)
+    length: Array
+    R_LF: Array  # (r, 9)
+    sign: Array
+    gain: Array
+    buffer: Array
+    velocity_buffer: Array
+    task: NDArray[np.int64]  # whose reference the row follows; −1: a constraint
+    column: NDArray[np.int64]  # where in it the desired value and velocity are
+    rate_column: NDArray[np.int64]
 
 
 class PriorityStack:
@@ -77,8 +80,6 @@ class PriorityStack:
     def __init__(
         self, robot: RobotModel, levels: Sequence[Level], damping: float = 0.1, task_damping: float = 1.0
     ) -> None:
-        if not levels:
-            raise ParameterError("levels", "needs at least one task or list of bounds")
         if not np.all(np.isfinite(robot.v_max)):
             raise ModelError(f"{robot.path}: a priority stack needs a velocity limit of every joint")
         if not damping > 0.0 or not task_damping > 0.0:
@@ -86,33 +87,28 @@ class PriorityStack:
         self.robot, self._damping, self._task_damping = robot, float(damping), float(task_damping)
         self.tasks: list[Task] = []
         self.sides: list[tuple[Bound, float]] = []
-        kinds, ends_t, ends_c, rows = [], [], [], 0
+        rows, ends = [], []
         for level in levels:
             if isinstance(level, FrameTask | ScalarTask):
+                rows += [_row(c, 1.0, level, (len(self.tasks), *columns)) for c, *columns in level.rows()]
                 self.tasks.append(level)
-                rows += level.size
-                kinds.append(TASK)
             else:
-                self.sides += [(b, 1.0) for b in level if np.isfinite(b.upper)]
-                self.sides += [(b, -1.0) for b in level if np.isfinite(b.lower)]
-                kinds.append(CONSTRAINTS)
-            ends_t.append(rows)
-            ends_c.append(len(self.sides))
-        self.rows = rows
-        components = [bound.component for bound, _ in self.sides]
-        scalar = [task.component for task in self.tasks if isinstance(task, ScalarTask)]
-        self.num_targets = 1 + max([c.index for c in components + scalar if c.kind >= 2], default=-1)
-        self._table = _table(components, [sign for _, sign in self.sides])
+                sides = [(b, 1.0) for b in level if np.isfinite(b.upper)]
+                sides += [(b, -1.0) for b in level if np.isfinite(b.lower)]
+                rows += [_row(b.component, sign, b) for b, sign in sides]
+                self.sides += sides
+            ends.append(len(rows))
+        if not rows:
+            raise ParameterError("levels", "needs at least one task or bound")
+        is_task = np.array([isinstance(level, FrameTask | ScalarTask) for level in levels])
+        top = int(np.argmax(is_task)) if is_task.any() else len(levels)
+        self._levels = Levels(is_task, np.array(ends), top)
+        self._table = _table(rows)
+        self._side_rows, self._task_rows = np.flatnonzero(self._table.task < 0), np.flatnonzero(self._table.task >= 0)
+        seen = self._table.number[np.isin(self._table.kind, (Kind.DISTANCE, Kind.VIEW))]
+        self.num_targets = 1 + int(np.max(seen, initial=-1))
         self.bounds = np.array([b.upper if sign > 0 else -b.lower for b, sign in self.sides])
-        self._shape = (np.array(kinds), np.array(ends_t), np.array(ends_c))
-        self._buffers = (
-            np.array([bound.buffer for bound, _ in self.sides]),
-            np.array([bound.velocity_buffer for bound, _ in self.sides]),
-            np.array([bound.gain for bound, _ in self.sides]),
-        )
-        self._task_table = _task_table(self.tasks)
-        t = robot.tree
-        self._tree = t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML
+        self._goal = np.zeros(len(rows))
 
     def solve(
         self,
@@ -124,6 +120,9 @@ class PriorityStack:
         bounds: Array | None = None,
     ) -> StackResult:
         """Return the joint velocity of eq. (24)–(32), regularised, at joint positions `q`.
+
+        If an input or the solution is not finite, velocity and activations are zero and the status is INVALID; errors,
+        values and Jacobian are NaN as far as they are not known.
 
         Parameters
         ----------
@@ -142,128 +141,109 @@ class PriorityStack:
         Raises
         ------
         StateError
-            If sizes do not fit or something is not finite.
+            If sizes do not fit.
         """
         q, v_start = np.asarray(q, dtype=float), np.asarray(v_start, dtype=float)
         sizes = q.shape, v_start.shape, references.shape, targets.shape[1:]
         wanted = (self.robot.n,), (self.robot.n,), (len(self.tasks), REFERENCE_SIZE), (6,)
         if sizes != wanted or len(targets) < self.num_targets:
             raise StateError(f"positions, velocities, references, targets: sizes {sizes}, needed {wanted}")
-        result = StackResult(
-            *_solve(
-                self._tree, q, self._table, self._task_table, references, targets, self._shape,
-                self.bounds if bounds is None else bounds,
-                self._buffers, v_start, self.robot.v_max, period, self._damping, self._task_damping, self.rows,
-            )
-        )  # fmt: skip
-        if result.status < 0:
-            raise StateError("positions, velocities, references or targets of the priority stack: not finite")
-        return result
+        goal, sides, tasks = self._goal.copy(), self._side_rows, self._task_rows
+        goal[sides] = self.bounds if bounds is None else bounds
+        settings = Settings(self.robot.v_max, float(period), self._damping, self._task_damping)
+        v, h, scale, status, x, error, J = _solve(
+            self.robot.tree, self._levels, self._table, q, v_start, (references, targets, goal), settings
+        )
+        return StackResult(v, h[sides], error[tasks], scale, PriorityStatus(status), x[sides], J[tasks])
 
     def constraints(self, q: Array, targets: Array) -> tuple[Array, Array, Array]:
         """Return values (c,), Jacobian (c, n) and own rates (c,) of the constraints, all as upper bounds."""
-        R_WL, p_WL, S, _, _ = tree_kinematics(*self._tree, q, np.zeros_like(q))
-        return feature_table(self._tree[0], S, R_WL, p_WL, q, *self._table, targets)
+        references = np.zeros((len(self.tasks), REFERENCE_SIZE))
+        inputs = np.asarray(q), references, targets, self._goal, self.robot.v_max
+        rows = _rows(self._table, self.robot.kinematics(q).motion, *inputs)
+        return rows.x[self._side_rows], rows.J[self._side_rows], rows.own[self._side_rows]
 
 
-def evaluate_component(
-    robot: RobotModel, component: Component, q: ArrayLike, targets: Array
-) -> tuple[float, Array, float]:
+def evaluate_component(robot: RobotModel, component: Component, q: Array, targets: Array) -> tuple[float, Array, float]:
     """Return value, Jacobian (n,) and own rate of a component: ẋ_C = J q̇ + own rate."""
-    t, q, row = robot.tree, robot.checked_vector(q, "positions"), np.zeros(robot.n)
-    R_WL, p_WL, S, _, _ = tree_kinematics(
-        t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n)
-    )
-    c = _table([component], [1.0])
-    value, own = feature(
-        t.parent, S, R_WL, p_WL, q, c.kinds[0], c.links[0], c.points[0], c.indices[0], c.directions[0], c.lengths[0],
-        np.atleast_2d(targets), row,
-    )  # fmt: skip
-    return float(value), row, float(own)
+    inputs = np.array(q), np.zeros((0, REFERENCE_SIZE)), np.atleast_2d(targets), np.zeros(1), robot.v_max
+    rows = _rows(_table([_row(component, 1.0, None)]), robot.kinematics(q).motion, *inputs)
+    return float(rows.x[0]), rows.J[0], float(rows.own[0])
 
 
-def _table(components: Sequence[Component], signs: Sequence[float]) -> _Table:
-    return _Table(
-        np.array([c.kind for c in components], dtype=np.int64),
-        np.array([c.link for c in components], dtype=np.int64),
-        np.array([c.p_LC for c in components], dtype=float).reshape(-1, 3),
-        np.array([c.index for c in components], dtype=np.int64),
-        np.array([c.direction for c in components], dtype=float).reshape(-1, 3),
-        np.array([c.length for c in components], dtype=float),
-        np.array(signs, dtype=float),
-    )
+def _row(component: Component, sign: float, owner: Bound | Task | None, reference: Sequence[int] = (-1, 0, 0)) -> tuple:
+    """Return a row of the table: a component, and the bound or task that it belongs to."""
+    c, gain = component, owner.gain if owner else 0.0
+    buffers = (owner.buffer, owner.velocity_buffer) if isinstance(owner, Bound) else (1.0, 1.0)
+    return (c.kind, c.link, c.p_LC, c.index, c.direction, c.length, c.R_LF, sign, gain, *buffers, *reference)
 
 
-def _task_table(tasks: Sequence[Task]) -> tuple:
-    """Return kind, link, point, rotation, gain, rows (first, count, axes) and scalar component of every task."""
-    count = len(tasks)
-    kinds, links, gains = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64), np.empty(count)
-    points, R_LF = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
-    axes, sizes = np.zeros((count, 6), dtype=np.int64), np.empty(count, dtype=np.int64)
-    nothing = Component("", 0, -1, (0.0,) * 3, 0, (0.0,) * 3, 0.0, "")
-    scalar = []
-    for i, task in enumerate(tasks):
-        gains[i], sizes[i] = task.gain, task.size
-        if isinstance(task, FrameTask):
-            kinds[i], links[i], points[i] = _FRAME, task.link, task.p_LC
-            R_LF[i] = np.reshape(task.R_LF, (3, 3))
-            axes[i, : task.size] = task.axes
-            scalar.append(nothing)
-        else:
-            kinds[i] = _SCALAR
-            scalar.append(task.component)
-    return kinds, links, points, R_LF, gains, axes, sizes, _table(scalar, [1.0] * count)
+def _table(rows: Sequence[tuple]) -> Table:
+    return Table(*(np.array(column) for column in zip(*rows)))
 
 
 @njit(cache=True)
-def _task_rows(parent, S, R_WL, p_WL, q, table, references, targets, total):
-    """Return Jacobian, desired velocity and error of all task rows."""
-    kinds, links, points, R_LF, gains, axes, sizes, c = table
-    n, first = q.shape[0], 0
-    JT, rates, errors = np.zeros((total, n)), np.empty(total), np.empty(total)
-    J, full = np.empty((6, n)), np.empty(6)
-    for i in range(kinds.shape[0]):
-        r = references[i]
-        if kinds[i] == _FRAME:
-            p_WC = world_point(R_WL, p_WL, links[i], points[i])
-            J[:] = 0.0
-            point_rows(parent, S, links[i], p_WC, J)
-            full[:3] = 0.0
-            if axes[i, 0] < 3:
-                R = R_LF[i].copy() if links[i] < 0 else product(R_WL[links[i]], R_LF[i])
-                full[:3] = rotation_error(R, r[:9].reshape((3, 3)))
-            full[3:] = r[9:12] - p_WC
-            for k in range(sizes[i]):
-                axis = axes[i, k]
-                JT[first + k] = J[axis]
-                errors[first + k] = full[axis]
-                rates[first + k] = r[12 + axis] + gains[i] * full[axis]
-        else:
-            value, own = feature(
-                parent, S, R_WL, p_WL, q, c.kinds[i], c.links[i], c.points[i], c.indices[i], c.directions[i],
-                c.lengths[i], targets, JT[first],
-            )  # fmt: skip
-            errors[first] = r[0] - value
-            rates[first] = r[1] - own + gains[i] * errors[first]
-        first += sizes[i]
-    return JT, rates, errors
+def _component(table, i, motion, q, targets, J_row):
+    """Write the row of a component into J_row (zeroed); return its value (of a TURN: 0) and own rate ẋ_own."""
+    kind, link, index = table.kind[i], table.link[i], table.number[i]
+    if kind == Kind.JOINT:
+        J_row[index] = 1.0
+        return q[index], 0.0
+    p_WC = world_point(motion, link, table.p_LC[i])
+    J = jacobian(motion, link, p_WC)
+    if kind == Kind.TURN:
+        J_row[:] = J[index]
+        return 0.0, 0.0
+    if kind == Kind.PLANE:
+        a = table.direction[i]
+        J_row[:] = apply(J[3:].T, a)
+        return a[0] * p_WC[0] + a[1] * p_WC[1] + a[2] * p_WC[2] - table.length[i], 0.0
+    u, velocity = targets[index, :3] - p_WC, targets[index, 3:]
+    distance = np.sqrt(np.sum(u * u))
+    if distance < _NEAR:
+        return (-table.length[i] if kind == Kind.DISTANCE else 0.0), 0.0
+    u /= distance
+    if kind == Kind.DISTANCE:
+        J_row[:] = -apply(J[3:].T, u)
+        return distance - table.length[i], np.sum(u * velocity)
+    axis = table.direction[i].copy() if link < 0 else apply(motion.R_WL[link], table.direction[i])
+    cosine = np.sum(axis * u)
+    across = (axis - cosine * u) / distance
+    J_row[:] = apply(J[:3].T, np.cross(axis, u)) - apply(J[3:].T, across)
+    return cosine, np.sum(across * velocity)
 
 
 @njit(cache=True)
-def _solve(
-    tree, q, c, task_table, references, targets, shape, bounds, buffers, v_start, v_max, period, lam_s, mu, total
-):
-    parent, kind, axis, R_PF, p_PF, R_ML, p_ML = tree
-    R_WL, p_WL, S, _, _ = tree_kinematics(parent, kind, axis, R_PF, p_PF, R_ML, p_ML, q, np.zeros_like(q))
-    x, JC, own = feature_table(
-        parent, S, R_WL, p_WL, q, c.kinds, c.links, c.points, c.indices, c.directions, c.lengths, c.signs, targets
-    )
-    JT, rates, errors = _task_rows(parent, S, R_WL, p_WL, q, task_table, references, targets, total)
-    buffer_p, buffer_v, gain = buffers
-    if not np.isfinite(q.sum() + v_start.sum() + references.sum() + targets.sum()):
-        return v_start, x, errors, 0.0, -1, x, JT
-    v, h, scale, status = solve_stack(
-        shape[0], shape[1], shape[2], JT, rates, JC, x, own, bounds, buffer_p, buffer_v, gain, v_start, v_max, period,
-        lam_s, mu,
-    )  # fmt: skip
-    return v, h, errors, scale, status, x, JT
+def _rows(table, motion, q, references, targets, goal, v_max):
+    """Return the `Rows` of a table; `goal` (r,) holds the bounds of the constraints."""
+    count = table.kind.shape[0]
+    x, own, J = np.empty(count), np.empty(count), np.zeros((count, q.shape[0]))
+    goal, wanted = goal.copy(), np.empty(count)
+    for i in range(count):
+        sign = table.sign[i]
+        value, rate = _component(table, i, motion, q, targets, J[i])
+        x[i], own[i] = sign * value, sign * rate
+        J[i] *= sign
+        if table.task[i] >= 0:
+            reference = references[table.task[i]]
+            goal[i] = reference[table.column[i]]
+            if table.kind[i] == Kind.TURN:
+                link, R = table.link[i], table.R_LF[i].copy().reshape((3, 3))
+                R = R if link < 0 else product(motion.R_WL[link], R)
+                goal[i] = rotation_log(product(reference[:9].copy().reshape((3, 3)), R.T))[table.number[i]]
+            wanted[i] = reference[table.rate_column[i]] + table.gain[i] * (goal[i] - x[i])
+        else:
+            wanted[i] = allowed_rate(J[i], x[i] - goal[i], own[i], table.gain[i], v_max)
+    return Rows(J, x, own, goal, wanted, table.buffer, table.velocity_buffer)
+
+
+@njit(cache=True)
+def _solve(tree, levels, table, q, v_start, inputs, settings):
+    references, targets, bounds = inputs
+    rows = _rows(table, tree_kinematics(tree, q, np.zeros_like(q)), q, references, targets, bounds, settings.v_max)
+    v, h, scale, status = np.zeros_like(v_start), np.zeros_like(bounds), 0.0, PriorityStatus.INVALID.value
+    if np.isfinite(q.sum() + v_start.sum() + references.sum() + targets.sum()):
+        found = solve_stack(levels, rows, v_start, settings)
+        if np.isfinite(found[0].sum()):
+            v, h, scale, status = found
+    return v, h, scale, status, rows.x, rows.goal - rows.x, rows.J

@@ -9,9 +9,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.control.reverse_priority.stack import REFERENCE_SIZE, PriorityStack, StackResult, evaluate_component
-from saphari_drake.control.reverse_priority.tasks import FrameTask, Level
+from saphari_drake.control.reverse_priority.tasks import FrameTask, Kind, Level
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.math.tree_matrices import world_point
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
@@ -85,11 +85,11 @@ class ReversePriorityController(LeafSystem):
     smallest_singular_value : of each task's Jacobian.
     constraint_excess : x − x̄ of each constraint; positive beyond the bound. 1 number, 0, if there is none.
     task_scale : 1, factor on what the tasks asked for, below 1 while the velocity limits need that.
-    status : 1; 0: as asked, 1: tasks scaled, 2: the hard constraints need more than the velocity limits allow.
+    status : 1, a `PriorityStatus`. INVALID, while an input is not finite: no motion, and NaN for what is not known.
 
     From the lowest level up, each adds the step of (24) in its regularised form; the velocity below all of them is
     λ times the command before, eq. (27), which is the only state. The velocity limits scale what the tasks ask for,
-    never single joints, and the hard constraints are put on after that. They hold as long as status is not 2; between
+    never single joints, and the hard constraints are put on after that. They hold while status is OK or SCALED; between
     two cycles and with a servo that lags, they hold up to what the arm moves in that time: give the bounds that margin.
     """
 
@@ -114,15 +114,15 @@ class ReversePriorityController(LeafSystem):
         # Solved here once, which compiles the kernels before the first control step.
         first = stack.solve(robot.home, np.zeros(n), self._home, far, self._params.period)
         self._output = declare_cache(self, "command", first, self._evaluate, tickets)
-        count = max(len(stack.sides), 1)
+        count, ends = max(len(stack.sides), 1), np.cumsum([len(task.rows()) for task in stack.tasks], dtype=int)
         declare_readouts(
             self,
             self._output,
             {
                 "velocity_commanded": (n, lambda r: r.v),
                 "activation": (count, lambda r: _or_zero(r.activation)),
-                "task_error": (stack.rows, lambda r: r.error),
-                "smallest_singular_value": (len(stack.tasks), lambda r: smallest_singular_values(stack, r.J_tasks)),
+                "task_error": (len(first.error), lambda r: r.error),
+                "smallest_singular_value": (len(stack.tasks), lambda r: smallest_singular_values(r.J_tasks, ends)),
                 "constraint_excess": (count, lambda r: _or_zero(r.x - stack.bounds)),
                 "task_scale": (1, lambda r: [r.scale]),
                 "status": (1, lambda r: [float(r.status)]),
@@ -147,30 +147,26 @@ class ReversePriorityController(LeafSystem):
 
 
 def home_references(stack: PriorityStack) -> Array:
-    """Return the references (tasks, 18) that hold the frames at the robot's home posture, scalar components at 0."""
-    robot, t = stack.robot, stack.robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(
-        t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, robot.home, np.zeros(robot.n)
-    )
-    references = np.zeros((len(stack.tasks), REFERENCE_SIZE))
-    for row, task in zip(references, stack.tasks):
+    """Return the references (tasks, 18) that hold frames, joints and distances to planes as at home; others are 0."""
+    home = stack.robot.home
+    motion, references = stack.robot.kinematics(home).motion, np.zeros((len(stack.tasks), REFERENCE_SIZE))
+    for reference, task in zip(references, stack.tasks):
         if isinstance(task, FrameTask):
-            R, p = (R_WL[task.link], p_WL[task.link]) if task.link >= 0 else (np.eye(3), np.zeros(3))
-            row[:9], row[9:12] = (R @ np.reshape(task.R_LF, (3, 3))).ravel(), p + R @ np.array(task.p_LC)
-        else:
-            far = np.full((stack.num_targets + 1, 6), 1e3)
-            row[0] = evaluate_component(robot, task.component, robot.home, far)[0] if task.component.kind < 2 else 0.0
+            R_WL = motion.R_WL[task.link] if task.link >= 0 else np.eye(3)
+            reference[:9] = (R_WL @ np.reshape(task.R_LF, (3, 3))).ravel()
+            reference[9:12] = world_point(motion, task.link, np.array(task.p_LC))
+        elif task.component.kind in (Kind.JOINT, Kind.PLANE):
+            reference[0] = evaluate_component(stack.robot, task.component, home, np.zeros((0, 6)))[0]
     return references
 
 
-def smallest_singular_values(stack: PriorityStack, J: Array) -> Array:
-    """Return the smallest singular value of the Jacobian of each task."""
-    values, row = np.empty(len(stack.tasks)), 0
-    for i, task in enumerate(stack.tasks):
-        rows = J[row : row + task.size]
-        values[i] = np.sqrt(max(np.linalg.eigvalsh(rows @ rows.T)[0], 0.0))
-        row += task.size
-    return values
+def smallest_singular_values(J: Array, ends: NDArray[np.int64]) -> list[float]:
+    """Return the smallest singular value of each task, whose rows end at `ends`; NaN where they are not known."""
+    parts = np.split(J, ends)[:-1]
+    return [
+        float(np.sqrt(max(np.linalg.eigvalsh(part @ part.T)[0], 0.0))) if np.isfinite(part).all() else np.nan
+        for part in parts
+    ]
 
 
 def _or_zero(values: Array) -> Array:

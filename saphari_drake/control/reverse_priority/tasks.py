@@ -1,4 +1,4 @@
-"""Tasks and unilateral constraints of a priority stack as small objects, and their table for the compiled pass.
+"""Tasks and unilateral constraints of a priority stack as small objects.
 
 A *component* says what of the robot is meant. A *task* brings one to a reference, a *bound* keeps one in a range; a
 list of bounds is a level of constraints. Hard or soft is a matter of the place in the stack: bounds are hard for the
@@ -7,35 +7,47 @@ levels after them and soft for those before.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saphari_drake.control.reverse_priority import components as features
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+class Kind(IntEnum):
+    """What a component measures."""
+
+    JOINT = 0  # q_index, rad or m
+    PLANE = 1  # a·p_WC − length, m, a in the world: signed distance to a plane
+    DISTANCE = 2  # ‖p_WC − p_WO‖ − length, m, to the target O with that index
+    VIEW = 3  # cosine of the angle at p_WC between the axis a (in the link) and the ray to the target with that index
+    TURN = 4  # rotation of a frame about the world's axis with that index, rad; of tasks alone
 
 
 @dataclass(frozen=True)
 class Component:
-    """A scalar component x_C(q) as a row of the table of `components`; use the functions below."""
+    """A scalar component x_C(q) of a robot; use the functions below."""
 
     name: str
-    kind: int
-    link: int
-    p_LC: tuple[float, float, float]
-    index: int
-    direction: tuple[float, float, float]
-    length: float
+    kind: Kind
     unit: str
+    link: int = -1  # that the point belongs to; −1: the world
+    p_LC: Triple = (0.0, 0.0, 0.0)
+    index: int = 0
+    direction: Triple = (0.0, 0.0, 0.0)
+    length: float = 0.0
+    R_LF: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def joint_coordinate(robot: RobotModel, joint: str) -> Component:
     """Position of a joint (rad or m)."""
-    return Component(joint, features.JOINT, -1, (0.0,) * 3, robot.joint_index(joint), (0.0,) * 3, 0.0, "rad")
+    return Component(joint, Kind.JOINT, "rad", index=robot.joint_index(joint))
 
 
 def plane_distance(
@@ -43,7 +55,7 @@ def plane_distance(
 ) -> Component:
     """Signed distance n·p − offset (m) of a point of a frame to a plane of the world, such as a virtual wall."""
     link, p_LC = fixed_point(robot, frame, p_FC)
-    return Component(f"{frame} to plane", features.PLANE, link, p_LC, 0, _unit(normal, "normal"), float(offset), "m")
+    return Component(f"{frame} to plane", Kind.PLANE, "m", link, p_LC, 0, _unit(normal, "normal"), float(offset))
 
 
 def target_distance(
@@ -52,7 +64,7 @@ def target_distance(
     """Distance (m) of a point of a frame to a moving target, less a radius (of the target, the link, or both)."""
     link, p_LC = fixed_point(robot, frame, p_FC)
     name = f"{frame} to target {target}"
-    return Component(name, features.DISTANCE, link, p_LC, _target(target), (0.0,) * 3, float(radius), "m")
+    return Component(name, Kind.DISTANCE, "m", link, p_LC, _target(target), length=float(radius))
 
 
 def view_cosine(robot: RobotModel, frame: str, target: int, axis: ArrayLike = (0, 0, 1)) -> Component:
@@ -63,9 +75,7 @@ def view_cosine(robot: RobotModel, frame: str, target: int, axis: ArrayLike = (0
     link, p_LC = fixed_point(robot, frame, (0, 0, 0))
     R_LF = robot.frame(frame)[1].rotation().matrix()
     direction = _triple(R_LF @ np.array(_unit(axis, "axis")))
-    return Component(
-        f"{frame} view of target {target}", features.VIEW, link, p_LC, _target(target), direction, 0.0, "1"
-    )
+    return Component(f"{frame} view of target {target}", Kind.VIEW, "1", link, p_LC, _target(target), direction)
 
 
 @dataclass(frozen=True)
@@ -130,7 +140,7 @@ class FrameTask:
 
     name: str
     link: int
-    p_LC: tuple[float, float, float]
+    p_LC: Triple
     R_LF: tuple[float, ...]
     axes: tuple[int, ...]
     gain: float = 10.0
@@ -140,10 +150,15 @@ class FrameTask:
         if not self.axes or set(self.axes) - set(range(6)) or len(set(self.axes)) < len(self.axes):
             raise ParameterError("axes", f"needs different numbers of 0 … 5, got {self.axes}")
 
-    @property
-    def size(self) -> int:
-        """Number of rows."""
-        return len(self.axes)
+    def rows(self) -> list[tuple[Component, int, int]]:
+        """Return of each axis the component, and where in the reference its desired value and velocity are."""
+        rows = []
+        for axis in self.axes:
+            unit = (float(axis == 3), float(axis == 4), float(axis == 5))
+            kind = (Kind.TURN, "rad") if axis < 3 else (Kind.PLANE, "m")
+            component = Component(self.name, *kind, self.link, self.p_LC, axis % 3, unit, R_LF=self.R_LF)
+            rows.append((component, axis + 6, axis + 12))
+        return rows
 
 
 @dataclass(frozen=True)
@@ -163,15 +178,9 @@ class ScalarTask:
     def __post_init__(self) -> None:
         require_non_negative(self, "gain")
 
-    @property
-    def name(self) -> str:
-        """Name of the component."""
-        return self.component.name
-
-    @property
-    def size(self) -> int:
-        """Number of rows."""
-        return 1
+    def rows(self) -> list[tuple[Component, int, int]]:
+        """Return the component, and where in the reference its desired value and velocity are."""
+        return [(self.component, 0, 1)]
 
 
 Task = FrameTask | ScalarTask
@@ -194,18 +203,18 @@ def _frame_task(robot: RobotModel, frame: str, axes: tuple[int, ...], gain: floa
     return FrameTask(frame, link, _triple(X_LF.translation()), R_LF, axes, gain)
 
 
-def fixed_point(robot: RobotModel, frame: str, p_FC: ArrayLike) -> tuple[int, tuple[float, float, float]]:
+def fixed_point(robot: RobotModel, frame: str, p_FC: ArrayLike) -> tuple[int, Triple]:
     """Return the link that a frame belongs to, and a point of the frame in that link."""
     link, X_LF = robot.frame(frame)
     return link, _triple(X_LF @ np.asarray(p_FC, dtype=float))
 
 
-def _triple(values: ArrayLike) -> tuple[float, float, float]:
+def _triple(values: ArrayLike) -> Triple:
     x, y, z = np.asarray(values, dtype=float)
     return float(x), float(y), float(z)
 
 
-def _unit(direction: ArrayLike, name: str) -> tuple[float, float, float]:
+def _unit(direction: ArrayLike, name: str) -> Triple:
     vector = np.asarray(direction, dtype=float)
     length = np.linalg.norm(vector)
     if vector.shape != (3,) or not np.isfinite(length) or length < 1e-9:

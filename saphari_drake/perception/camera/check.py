@@ -14,9 +14,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.parameters import require_positive
-from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
+from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.perception.camera.open3d_import import import_open3d
 from saphari_drake.robots.model import RobotModel
 
@@ -116,7 +115,8 @@ def check_camera(
     if len(postures) != len(images) or len(images) == 0:
         raise StateError(f"images: one a posture is needed, got {len(images)} for {len(postures)} postures")
     X_WC = camera_pose(camera) if X_WC is None else X_WC
-    kinematics = [_shapes_at(robot, robot.checked_vector(q, "postures")) for q in postures]
+    motions = [robot.kinematics(robot.checked_vector(q, "postures")) for q in postures]
+    kinematics = [robot.shapes.in_world(motion.R_WL, motion.p_WL) for motion in motions]
     clouds = [_readings(camera, np.asarray(image), params) for image in images]
     clouds = [
         X_WC.inverse().multiply(_matches(robot, [pose], [cloud], X_WC, 3.0 * params.reach, -1.0)[0].T).T
@@ -140,14 +140,7 @@ def check_camera(
     after = _rms(seen, target, normal)
     displacement = float(np.mean(np.linalg.norm(middle - (X.inverse() @ middle.T).T, axis=1)))
     status = CheckStatus.WARNING if displacement > params.warning else CheckStatus.OK
-    angle = float(np.arccos(np.clip((np.trace(X.rotation().matrix()) - 1.0) / 2.0, -1.0, 1.0)))
-    return CheckResult(status, X, displacement, angle, before, after, used)
-
-
-def _shapes_at(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return robot.shapes.in_world(R_WL, p_WL)
+    return CheckResult(status, X, displacement, X.rotation().ToAngleAxis().angle(), before, after, used)
 
 
 def _readings(camera: CameraParameters, image: Depth, params: CameraCheckParameters) -> Array:
@@ -157,8 +150,7 @@ def _readings(camera: CameraParameters, image: Depth, params: CameraCheckParamet
     core = z[2:-2, 2:-2]
     shifted = [z[2 + i : z.shape[0] - 2 + i, 2 + j : z.shape[1] - 2 + j] for i in (-2, 0, 2) for j in (-2, 0, 2)]
     step[2:-2, 2:-2] = np.max([np.abs(other - core) for other in shifted], axis=0)
-    x, y = ray_tables(camera)
-    points = np.stack([x * z, y[:, None] * z, z], axis=-1)
+    points = back_projected(*ray_tables(camera), z)
     chosen = np.zeros(z.shape, dtype=bool)
     chosen[:: int(params.stride), :: int(params.stride)] = True
     return points[chosen & (z > 0.0) & (step < 0.04)]

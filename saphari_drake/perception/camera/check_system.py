@@ -6,19 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import Immutable
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.camera.check import CameraCheckParameters, CheckResult, CheckStatus, check_camera
-from saphari_drake.perception.camera.frames import DepthFrames, Postures, posture_at
+from saphari_drake.perception.camera.frames import DepthFrames, Samples, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_outputs
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
+
+_OLDEST = 0.2  # s, age of a frame that arrives
+_REST = 0.1  # s, time for which the robot must be at rest before a frame
 
 
 @dataclass
@@ -44,7 +47,7 @@ class CheckScheduleParameters:
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    postures: Postures = ()  # times (s) and joint positions (n,), oldest first
+    postures: Samples = ()  # times (s) and joint positions (n,), oldest first
     stamp: float = -1.0  # s, of the last frame that was looked at
     kept: tuple[tuple[Array, Depth], ...] = ()  # postures and images of the next check, oldest first
     fresh: bool = False  # whether a frame was kept since the last check
@@ -81,7 +84,8 @@ class CameraCheck(LeafSystem):
         after frames in several postures: one posture shows that there is an error, not always which.
 
     Frames of the robot at rest with nobody in view are kept, one a posture. Every `interval` the camera is checked
-    with them by `check_camera`, if there is a new one. A camera so far off that the robot's own points look like a
+    with them by `check_camera`, if there is a new one; frames of another size or with a posture that is not finite are
+    left out. A camera so far off that the robot's own points look like a
     person's stays at BUSY.
 
     Parameters
@@ -98,8 +102,8 @@ class CameraCheck(LeafSystem):
 
     Raises
     ------
-    StateError
-        At an update, if the measured position is not finite.
+    ParameterError
+        If the period is not positive.
     """
 
     def __init__(
@@ -116,28 +120,17 @@ class CameraCheck(LeafSystem):
             raise ParameterError("period", f"must be positive and finite, got {period}")
         self._robot, self._camera, self._X_WC = robot, camera, X_WC
         self._params, self._schedule = params or CameraCheckParameters(), schedule or CheckScheduleParameters()
-        self._remembered = int(np.ceil(0.3 / period)) + 1
-        self._frames = DepthFrames(self, robot, camera)
+        self._remembered = int(np.ceil((_OLDEST + _REST) / period)) + 1
+        self._frames = DepthFrames(self, robot, [camera])
         self._person = self.DeclareAbstractInputPort("human_points", AbstractValue.Make(np.zeros((0, 3))))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
-        ticket = {self.abstract_state_ticket(self._state)}
-        for name, size, read in (
-            ("check_status", 1, lambda memory: [float(memory.status)]),
-            ("extrinsic_error", 2, lambda memory: memory.error),
-        ):
-            self.DeclareVectorOutputPort(
-                name,
-                BasicVector(size),
-                lambda context, output, read=read: output.SetFromVector(read(self._memory(context))),
-                prerequisites_of_calc=ticket,
-            )
-        self.DeclareAbstractOutputPort(
-            "correction",
-            alloc=lambda: AbstractValue.Make(RigidTransform()),
-            calc=lambda context, output: output.set_value(self._memory(context).correction),
-            prerequisites_of_calc=ticket,
-        )
+        reads = {
+            "check_status": lambda memory: [float(memory.status)],
+            "extrinsic_error": lambda memory: memory.error,
+            "correction": lambda memory: memory.correction,
+        }
+        declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), _Memory(), reads)
         check_camera(robot, camera, [robot.home], [np.zeros((camera.height, camera.width), np.float32)], self._params)
 
     def _memory(self, context: Context) -> _Memory:
@@ -146,9 +139,9 @@ class CameraCheck(LeafSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
         memory = replace(memory, postures=self._frames.remember(context, memory.postures, self._remembered))
-        stamp = self._frames.stamp(context)
-        if stamp != memory.stamp and memory.postures[0][0] <= stamp <= now:
-            memory = self._with_frame(context, memory, stamp)
+        fresh = self._frames.fresh(context, [memory.stamp], _OLDEST)
+        if fresh:
+            memory = self._with_frame(context, memory, fresh[0])
         if now >= memory.due and memory.fresh and memory.status != CheckStatus.BUSY:
             memory = self._checked(memory, now)
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
@@ -161,12 +154,12 @@ class CameraCheck(LeafSystem):
             return replace(memory, status=CheckStatus.BUSY)
         if memory.status == CheckStatus.BUSY:
             memory = replace(memory, status=CheckStatus.UNKNOWN, fresh=len(memory.kept) > 0)
-        q, before = posture_at(memory.postures, stamp), posture_at(memory.postures, stamp - 0.1)
-        if np.linalg.norm(q - before) > self._schedule.rest:
+        q, before = sample_at(memory.postures, stamp), sample_at(memory.postures, stamp - _REST)
+        image = self._frames.depth(context)
+        if image is None or not np.linalg.norm(q - before) <= self._schedule.rest:  # a posture that is not finite too
             return memory
-        image = self._frames.depth(context).copy()
         others = tuple(entry for entry in memory.kept if np.linalg.norm(entry[0] - q) >= self._schedule.apart)
-        return replace(memory, kept=(*others, (q, image))[-int(self._schedule.frames) :], fresh=True)
+        return replace(memory, kept=(*others, (q, image.copy()))[-int(self._schedule.frames) :], fresh=True)
 
     def _checked(self, memory: _Memory, now: float) -> _Memory:
         postures, images = [q for q, _ in memory.kept], [image for _, image in memory.kept]

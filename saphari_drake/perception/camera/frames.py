@@ -1,8 +1,9 @@
-"""Inputs of a system that looks at depth frames of a robot, and the posture that belongs to each frame."""
+"""Inputs of a system that looks at depth frames of a robot, and the robot at the time of each frame."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,51 +11,80 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
-Postures = tuple[tuple[float, Array], ...]  # times (s) and joint positions (n,), oldest first
+Samples = tuple[tuple[float, Array], ...]  # times (s) and values (n,), oldest first
 
 
 class DepthFrames:
-    """Ports `position_measured` (n), `depth_image` (abstract ImageDepth32F) and `image_time` (1, s) of a system.
+    """Ports of a system that sees a robot with one camera or more; holds constants only.
 
-    Holds constants only.
+    `position_measured` (n, rad or m), and for each camera `depth_image` (abstract `ImageDepth32F`, m) and `image_time`
+    (1, s); with several cameras ``depth_image_0``, ``image_time_0``, ``depth_image_1`` and so on.
     """
 
-    def __init__(self, system: LeafSystem, robot: RobotModel, camera: CameraParameters) -> None:
-        self._robot = robot
-        image = Value[ImageDepth32F](ImageDepth32F(camera.width, camera.height))
+    def __init__(self, system: LeafSystem, robot: RobotModel, cameras: Sequence[CameraParameters]) -> None:
         self._position = system.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
-        self._image = system.DeclareAbstractInputPort("depth_image", image)
-        self._time = system.DeclareVectorInputPort("image_time", BasicVector(1))
+        self._ports, self._sizes = [], []
+        for k, camera in enumerate(cameras):
+            image = Value[ImageDepth32F](ImageDepth32F(camera.width, camera.height))
+            end = f"_{k}" if len(cameras) > 1 else ""
+            port = system.DeclareAbstractInputPort(f"depth_image{end}", image)
+            self._ports.append((port, system.DeclareVectorInputPort(f"image_time{end}", BasicVector(1))))
+            self._sizes.append((camera.height, camera.width))
 
-    def remember(self, context: Context, postures: Postures, kept: int) -> Postures:
-        """Return the last `kept` postures with the measured one; raise `StateError` if that is not finite."""
-        q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
-        return (*postures, (context.get_time(), q))[-kept:]
+    def remember(self, context: Context, postures: Samples, kept: int) -> Samples:
+        """Return the last `kept` postures with the measured one."""
+        return (*postures, (context.get_time(), np.array(self._position.Eval(context))))[-kept:]
 
-    def stamp(self, context: Context) -> float:
-        """Return when the image was taken (s)."""
-        return float(self._time.Eval(context)[0])
+    def fresh(self, context: Context, last: Sequence[float], oldest: float) -> dict[int, float]:
+        """Return when the images were taken (s) of the cameras that have a new one, no older than `oldest` (s).
 
-    def depth(self, context: Context) -> Depth:
-        """Return the depth image (height, width) in m; valid during this evaluation."""
-        return self._image.Eval(context).data[..., 0]
+        `last` holds when the images were taken that are known already (s). A stamp that is not finite, or lies in the
+        future, is none.
+        """
+        now = context.get_time()
+        stamps = {k: float(time.Eval(context)[0]) for k, (_, time) in enumerate(self._ports)}
+        return {k: s for k, s in stamps.items() if last[k] < s and 0.0 <= s <= now and now - s <= oldest}
+
+    def depth(self, context: Context, camera: int = 0) -> Depth | None:
+        """Return the image (height, width) of a camera in m, valid during this evaluation; none of another size."""
+        image = self._ports[camera][0].Eval(context).data[..., 0]
+        return image if image.shape == self._sizes[camera] else None
 
 
-def posture_at(postures: Sequence[tuple[float, Array]], time: float) -> Array:
-    """Return the joint positions (n,) at a time (s), interpolated between remembered ones."""
-    times = np.array([entry[0] for entry in postures])
-    columns = np.array([entry[1] for entry in postures]).T
+def sample_at(samples: Samples, time: float) -> Array:
+    """Return the values (n,) at a time (s), interpolated; NaN beside a sample that is not finite."""
+    times = np.array([entry[0] for entry in samples])
+    columns = np.array([entry[1] for entry in samples]).T
     return np.array([np.interp(time, times, column) for column in columns])
 
 
-def link_poses(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    """Return R_WL (n, 3, 3) and p_WL (n, 3) of all links at joint positions `q` (n,)."""
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-    return R_WL, p_WL
+class Instant(NamedTuple):
+    """A robot when a frame was taken."""
+
+    stamp: float  # s
+    S: Array  # (n, 6) joint axes
+    R_WL: Array  # (n, 3, 3)
+    p_WL: Array  # (n, 3) m
+    r: Array | None = None  # (n,) residual, Nm
+
+    def felt(self, least: float) -> bool:
+        """Whether the norm of the residual is above `least` (Nm)."""
+        return self.r is not None and bool(np.linalg.norm(self.r) > least)
+
+
+def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
+    """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
+    motion = robot.kinematics(q)
+    return Instant(stamp, motion.S, motion.R_WL, motion.p_WL, r)
+
+
+def point_jacobian(robot: RobotModel, at: Instant, link: int, p_L: Array) -> Array:
+    """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
+    zero = np.zeros((robot.n, 6))
+    return Kinematics(at.R_WL, at.p_WL, at.S, zero, zero, robot.tree.parent).point(link, p_L).Jv_WC

@@ -1,6 +1,7 @@
 """A fixed pinhole camera: its parameters, its pose, and the rays through its pixels."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,22 @@ class CameraParameters:
         return (self.width / 2 if np.isnan(x) else x), (self.height / 2 if np.isnan(y) else y)
 
 
+class Pinhole(NamedTuple):
+    """Optics of a camera, for compiled passes."""
+
+    fx: float  # focal lengths and principal point, pixels
+    fy: float
+    cx: float
+    cy: float
+    x: NDArray[np.float32]  # (width,) x/z through the centre of each column
+    y: NDArray[np.float32]  # (height,) y/z through the centre of each row
+
+
+def pinhole(params: CameraParameters) -> Pinhole:
+    """Return the optics of a camera."""
+    return Pinhole(params.focal_x, params.focal_y, *params.center, *ray_tables(params))
+
+
 def camera_pose(params: CameraParameters) -> RigidTransform:
     """Return X_WC, with z of the camera frame C forward, x right and y down in the image."""
     position = np.asarray(params.position, dtype=float)
@@ -79,3 +96,8 @@ def ray_tables(params: CameraParameters) -> tuple[NDArray[np.float32], NDArray[n
     x = (np.arange(params.width) + 0.5 - center_x) / params.focal_x
     y = (np.arange(params.height) + 0.5 - center_y) / params.focal_y
     return x.astype(np.float32), y.astype(np.float32)
+
+
+def back_projected(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
+    """Return the points (height, width, 3) of a depth image z (m) in the camera frame; x and y as in `ray_tables`."""
+    return np.stack([x * z, y[:, None] * z, z], axis=-1)

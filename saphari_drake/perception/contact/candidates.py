@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +10,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.primitives import BOX, CAPSULE, nearest_surface_point, surface_point
-from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.math.primitives import BOX, CAPSULE, Primitives, surface_point
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.shapes import LinkShapes
 
@@ -68,23 +68,17 @@ def surface_candidates(robot: RobotModel, count: int = 1700, first_link: int = 1
         [np.flatnonzero(link == k)[_spread(p_L[link == k], round(count * np.mean(link == k)))] for k in np.unique(link)]
     )
     spacing = float(np.sqrt(area.sum() * np.mean(free) / len(kept)))
-    n_L = np.array([smooth_normal(shapes, int(link[i]), p_L[i]) for i in kept])
+    smooth = rounded(shapes)
+    n_L = np.array([smooth.nearest_on(int(link[i]), p_L[i])[1] for i in kept])
     return SurfaceCandidates(link[kept].astype(np.int64), p_L[kept], n_L, spacing)
 
 
-def inner_sizes(shapes: LinkShapes, rounding: float = 0.008) -> Array:
-    """Return the sizes (s, 3) of the shapes with edges, drawn in by `rounding` (m); capsules stay as they are."""
+def rounded(shapes: LinkShapes, rounding: float = 0.008) -> LinkShapes:
+    """Return shapes with edges drawn in by `rounding` (m): their normals are those of shapes with rounded-off edges."""
     size = shapes.size.copy()
     sharp = shapes.kind != CAPSULE
     size[sharp] -= np.minimum(rounding, 0.5 * size[sharp])
-    return size
-
-
-def smooth_normal(shapes: LinkShapes, link: int, p_L: Array) -> Array:
-    """Return the outward normal (3,) of a link at a point p_L (m) of its surface, as if its edges were rounded off."""
-    return np.asarray(
-        nearest_surface_point(shapes.kind, inner_sizes(shapes), shapes.R_LS, shapes.p_LS, shapes.link == link, p_L)[3]
-    )
+    return replace(shapes, size=size)
 
 
 def _area(kind: int, size: Array) -> float:
@@ -123,33 +117,29 @@ def _ever_free(
     robot: RobotModel, own: NDArray[np.int64], link: NDArray[np.int64], p_L: Array, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Return which points lie outside all other shapes in at least one of some random postures."""
-    t, shapes = robot.tree, robot.shapes
+    shapes = robot.shapes
     low, high = np.maximum(robot.q_min, -np.pi), np.minimum(robot.q_max, np.pi)
     free = np.zeros(len(p_L), dtype=bool)
     for k in range(12):
         q = robot.home if k == 0 else rng.uniform(low, high)
-        R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
+        R_WL, p_WL, *_ = robot.kinematics(q).motion
         R_WS, p_WS = shapes.in_world(R_WL, p_WL)
-        _add_free(shapes.kind, shapes.size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free)
+        p_W = p_WL[link] + np.einsum("mij,mj->mi", R_WL[link], p_L)
+        _add_free(Primitives(shapes.kind, shapes.size, shapes.link, R_WS, p_WS), own, p_W, free)
     return free
 
 
 @njit(cache=True)
-def _add_free(kind, size, R_WS, p_WS, own, link, p_L, R_WL, p_WL, free):
-    """Mark the points that lie outside all shapes but their own in one posture."""
-    p = np.empty(3)
+def _add_free(shapes, own, p, free):
+    """Mark the points p (m, 3) that lie outside all shapes but their own in one posture."""
     for i in range(own.shape[0]):
-        if free[i]:
-            continue
-        R = R_WL[link[i]]
-        for k in range(3):
-            p[k] = p_WL[link[i], k] + R[k, 0] * p_L[i, 0] + R[k, 1] * p_L[i, 1] + R[k, 2] * p_L[i, 2]
-        covered = False
-        for s in range(kind.shape[0]):
-            if s != own[i] and surface_point(kind[s], size[s], R_WS[s], p_WS[s], p)[0] <= -_COVER:
-                covered = True
+        covered = free[i]
+        for s in range(shapes.kind.shape[0]):
+            if covered:
                 break
-        free[i] = not covered
+            if s != own[i]:
+                covered = surface_point(shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s], p[i])[0] <= -_COVER
+        free[i] = free[i] or not covered
 
 
 def _spread(points: Array, count: int) -> NDArray[np.int64]:

@@ -2,36 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.friction_cone import tangents
-from saphari_drake.math.tree import point_kinematics, tree_kinematics
+from saphari_drake.perception.camera.frames import Instant, point_jacobian
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
 _RCOND = 1e-3  # share of the largest singular value below which the residual says nothing about force and point
 _FARTHEST = 3.0  # deviations of the seen point
-
-
-class Instant(NamedTuple):
-    """The robot when a frame was taken."""
-
-    stamp: float  # s
-    S: Array  # (n, 6) joint axes
-    R_WL: Array  # (n, 3, 3)
-    p_WL: Array  # (n, 3) m
-    r: Array | None  # (n,) residual, Nm
-
-
-def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
-    """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
-    t = robot.tree
-    R_WL, p_WL, S, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(len(q)))
-    return Instant(stamp, S, R_WL, p_WL, r)
 
 
 def corrected_point(
@@ -60,8 +41,7 @@ def corrected_point(
     left : float
         Square root of the minimum: how many deviations residual and seen point are apart.
     """
-    n, zero = robot.n, np.zeros((robot.n, 6))
-    J = point_kinematics(robot.tree.parent, at.S, zero, zero, at.R_WL, at.p_WL, link, p_L)[2]
+    n, J = robot.n, point_jacobian(robot, at, link, p_L)
     T = np.empty((2, 3))
     tangents(at.R_WL[link] @ n_L, T[0], T[1])
     moves = np.zeros(n, dtype=bool)

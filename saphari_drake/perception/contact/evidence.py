@@ -5,28 +5,52 @@ All costs are −2 log of a likelihood, so that they add up; points and vectors 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.math.friction_cone import cone_minimum, solve3, tangents
+
+Array = NDArray[np.float64]
 
 # Candidates whose free least squares costs so much more than the best one's, or than that of so many others, decide
 # nothing: their cone is left out.
 _NARROW = 60.0
 _MOST = 200
+# A point above the surface is seen to be free if the reading along its ray lies more than this behind it (m).
+_MARGIN = 0.03
+LIFTS = (0.006, 0.012, 0.018)  # m, heights of these points
+
+
+class ForceModel(NamedTuple):
+    """What a residual and a force usually are."""
+
+    sigma: float  # Nm, deviation of the residual of each joint
+    force: float  # N, size of a usual force
+    mu: float  # coefficient of friction
+    cell: float  # m, deviation of the true point from the one that stands for it
+
+
+class Work(NamedTuple):
+    """Scratch of the passes, and what they leave there."""
+
+    H: NDArray[np.float64]  # (3, 3)
+    b: NDArray[np.float64]  # (3,)
+    F: NDArray[np.float64]  # (3,) N
 
 
 @njit(cache=True)
-def _column(S, j, p, c):
-    """Fill c (3,) with column j of the Jacobian of a point p (m); S (n, 6) are the joint axes."""
-    c[0] = S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1]
-    c[1] = S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]
-    c[2] = S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0]
+def work():
+    """Return empty scratch."""
+    return Work(np.empty((3, 3)), np.empty(3), np.empty(3))
 
 
 @njit(cache=True)
-def free_cost(parent, S, link, p, r, sigma, force, H, b, F):
+def free_cost(parent, S, link, p, r, model, work):
     """Fill H, b and F of `touch_cost` without the cone; return rᵀr, the cost and its part log det(f² H / σ²)."""
+    sigma, (H, b, F) = model.sigma, work
     h00 = h01 = h02 = h11 = h12 = h22 = b0 = b1 = b2 = rr = 0.0
     for j in range(r.shape[0]):
         rr += r[j] * r[j]
@@ -39,7 +63,7 @@ def free_cost(parent, S, link, p, r, sigma, force, H, b, F):
         h11, h12, h22 = h11 + y * y, h12 + y * z, h22 + z * z
         b0, b1, b2 = b0 + x * r[j], b1 + y * r[j], b2 + z * r[j]
         j = parent[j]
-    ridge = (sigma / force) ** 2
+    ridge = (sigma / model.force) ** 2
     H[0, 0], H[1, 1], H[2, 2] = h00 + ridge, h11 + ridge, h22 + ridge
     H[0, 1], H[0, 2], H[1, 2] = h01, h02, h12
     H[1, 0], H[2, 0], H[2, 1] = h01, h02, h12
@@ -49,7 +73,7 @@ def free_cost(parent, S, link, p, r, sigma, force, H, b, F):
 
 
 @njit(cache=True)
-def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
+def touch_cost(parent, S, link, p, inward, r, model, work):
     """Return misfit and spread of a contact at p, whose sum is its cost, and fill F (3,) with its force (N).
 
     With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes the misfit
@@ -58,27 +82,29 @@ def touch_cost(parent, S, link, p, inward, r, sigma, force, mu, cell, H, b, F):
 
     Parameters
     ----------
-    sigma, force : float
-        Deviation of the residual of each joint (Nm), size of a usual force (N).
-    mu : float
-        Coefficient of friction.
-    cell : float
-        Deviation of the true point from p (m); 0: none.
-    H, b : (3, 3) and (3,) arrays
-        Filled with H and J r.
+    parent, S : (n,) int array and (n, 6) array
+        Tree and joint axes.
+    link, p, inward : int, (3,) and (3,) arrays
+        The contact (m) and the inward normal there.
+    r : (n,) array
+        Residual (Nm).
+    model : ForceModel
+    work : Work
+        Left with H, J r and F.
     """
-    rr, _, spread = free_cost(parent, S, link, p, r, sigma, force, H, b, F)
-    misfit = (rr + cone_minimum(H, b, inward, mu, F)) / (sigma * sigma)
+    rr, _, spread = free_cost(parent, S, link, p, r, model, work)
+    sigma, cell, (H, b, F) = model.sigma, model.cell, work
+    misfit = (rr + cone_minimum(H, b, inward, model.mu, F)) / (sigma * sigma)
     if cell > 0.0:
-        t, u, c = np.empty(3), np.empty(3), np.empty(3)
+        t, u = np.empty(3), np.empty(3)
         tangents(inward, t, u)
         k = (sigma / cell) ** 2
         d00, d01, d11, e0, e1 = k, 0.0, k, 0.0, 0.0
         j = link
         while j >= 0:
-            _column(S, j, p, c)
-            e = r[j] - c[0] * F[0] - c[1] * F[1] - c[2] * F[2]
-            # A shift δ of the point changes torque j by F · (ω × δ) = δ · (F × ω).
+            # Torque j of F at p, and what a shift δ of the point changes in it: F · (ω × δ) = δ · (F × ω).
+            e = r[j] - F[0] * (S[j, 3] + S[j, 1] * p[2] - S[j, 2] * p[1])
+            e -= F[1] * (S[j, 4] + S[j, 2] * p[0] - S[j, 0] * p[2]) + F[2] * (S[j, 5] + S[j, 0] * p[1] - S[j, 1] * p[0])
             x = F[1] * S[j, 2] - F[2] * S[j, 1]
             y = F[2] * S[j, 0] - F[0] * S[j, 2]
             z = F[0] * S[j, 1] - F[1] * S[j, 0]
@@ -109,40 +135,30 @@ def pose_points(link, p_L, n_L, R_WL, p_WL):
 
 
 @njit(cache=True)
-def residual_costs(parent, S, link, p, a, r, sigma, force, mu, cell):
+def residual_costs(parent, S, link, p, a, r, model):
     """Return misfit (m,) and spread (m,) of every candidate; a lower bound where their sum is far above the least."""
     m = link.shape[0]
-    cost, misfit, spread = np.empty(m), np.empty(m), np.empty(m)
-    H, b, F = np.empty((3, 3)), np.empty(3), np.empty(3)
+    cost, misfit, spread, scratch = np.empty(m), np.empty(m), np.empty(m), work()
     for c in range(m):
-        _, cost[c], spread[c] = free_cost(parent, S, link[c], p[c], r, sigma, force, H, b, F)
+        _, cost[c], spread[c] = free_cost(parent, S, link[c], p[c], r, model, scratch)
         misfit[c] = cost[c] - spread[c]
     bound = cost.min() + _NARROW
     if m > _MOST:
         bound = min(bound, np.partition(cost, _MOST)[_MOST])
     for c in range(m):
         if cost[c] < bound:
-            misfit[c], spread[c] = touch_cost(parent, S, link[c], p[c], a[c], r, sigma, force, mu, cell, H, b, F)
+            misfit[c], spread[c] = touch_cost(parent, S, link[c], p[c], a[c], r, model, scratch)
     return misfit, spread
 
 
-@njit(cache=True)
-def best_apart(cost, p, count, apart):
+def best_apart(cost: Array, p: Array, count: int, apart: float) -> list[int]:
     """Return the indices of up to `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another."""
-    chosen = np.empty(count, np.int64)
-    left = np.ones(cost.shape[0], np.bool_)
-    for k in range(count):
-        best = -1
-        for c in range(cost.shape[0]):
-            if left[c] and (best < 0 or cost[c] < cost[best]):
-                best = c
-        if best < 0:
-            return chosen[:k]
-        chosen[k] = best
-        for c in range(cost.shape[0]):
-            x, y, z = p[c, 0] - p[best, 0], p[c, 1] - p[best, 1], p[c, 2] - p[best, 2]
-            if x * x + y * y + z * z < apart * apart:
-                left[c] = False
+    chosen: list[int] = []
+    left = np.array(cost)
+    while len(chosen) < count and np.isfinite(left.min()):
+        chosen.append(int(np.argmin(left)))
+        away = p - p[chosen[-1]]
+        left[np.einsum("ij,ij->i", away, away) < apart * apart] = np.inf
     return chosen
 
 
@@ -165,26 +181,27 @@ def nearest_distances(p, a, lift, x, y, z):
 
 
 @njit(cache=True)
-def share_free(p, a, depth, R_WC, p_WC, fx, fy, cx, cy, margin, lifts, free):
-    """Raise `free` (m,) to the share of the points above each candidate through which the camera sees.
+def share_free(p, a, depth, pinhole, R_WC, p_WC):
+    """Return the share (m,) of the points above each candidate, at heights `LIFTS`, through which a camera sees.
 
-    A point at height h above the surface is free if the reading along its ray lies more than `margin` (m) behind it.
     No reading tells nothing.
     """
     rows, cols = depth.shape
+    free = np.empty(p.shape[0])
     for k in range(p.shape[0]):
         seen = 0
-        for i in range(lifts.shape[0]):
-            x = p[k, 0] - lifts[i] * a[k, 0] - p_WC[0]
-            y = p[k, 1] - lifts[i] * a[k, 1] - p_WC[1]
-            z = p[k, 2] - lifts[i] * a[k, 2] - p_WC[2]
+        for lift in LIFTS:
+            x = p[k, 0] - lift * a[k, 0] - p_WC[0]
+            y = p[k, 1] - lift * a[k, 1] - p_WC[1]
+            z = p[k, 2] - lift * a[k, 2] - p_WC[2]
             zc = R_WC[0, 2] * x + R_WC[1, 2] * y + R_WC[2, 2] * z
             if zc <= 0.0:
                 continue
-            c = int(np.floor((R_WC[0, 0] * x + R_WC[1, 0] * y + R_WC[2, 0] * z) / zc * fx + cx))
-            r = int(np.floor((R_WC[0, 1] * x + R_WC[1, 1] * y + R_WC[2, 1] * z) / zc * fy + cy))
+            c = int(np.floor((R_WC[0, 0] * x + R_WC[1, 0] * y + R_WC[2, 0] * z) / zc * pinhole.fx + pinhole.cx))
+            r = int(np.floor((R_WC[0, 1] * x + R_WC[1, 1] * y + R_WC[2, 1] * z) / zc * pinhole.fy + pinhole.cy))
             if 0 <= c < cols and 0 <= r < rows:
                 d = depth[r, c]
-                if d > zc + margin and d > 0.0:
+                if d > zc + _MARGIN and d > 0.0:
                     seen += 1
-        free[k] = max(free[k], seen / lifts.shape[0])
+        free[k] = seen / len(LIFTS)
+    return free

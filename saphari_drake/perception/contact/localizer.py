@@ -1,109 +1,141 @@
-"""ContactFusion: contact points and forces from several depth cameras and the residual, seen or hidden."""
+"""ContactLocalizer: from cameras' frames, measured posture and residual to where a person touches the robot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import CameraStatus, ContactPoint, Immutable
+from saphari_drake.messages import CameraStatus, Immutable
+from saphari_drake.perception.camera.frames import DepthFrames, Instant, Samples, instant, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.law import ContactFusionLaw, Fusion, FusionMemory, FusionParameters, Mode
-from saphari_drake.perception.contact.vision import Array, ContactVision, Depth, LocalizerParameters
+from saphari_drake.perception.contact.law import ContactFusionLaw
+from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
+from saphari_drake.perception.contact.places import Place, PlaceFinder, View
+from saphari_drake.perception.contact.track import ContactTrack, ContactTracker
+from saphari_drake.perception.contact.values import NOTHING, Fusion, FusionMemory, contact_point
+from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_outputs
+
+Array = NDArray[np.float64]
 
 _NOBODY = np.zeros((0, 3))
+_WORST_LAST = (CameraStatus.OK, CameraStatus.WAITING, CameraStatus.INVALID, CameraStatus.STALE)
+
+
+class _Camera(NamedTuple):
+    """What is known of one camera."""
+
+    arrived: float  # s, when the last frame arrived; before the first one, when the system started
+    stamp: float = -1.0  # s, when it was taken
+    status: CameraStatus = CameraStatus.WAITING
+    places: Sequence[Place] = ()
+    points: Array = _NOBODY  # (k, 3) m, of the person in the world
 
 
 @dataclass(frozen=True)
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    samples: tuple[tuple[float, Array, Array], ...]  # time (s), joint positions and residual, oldest first
-    frame_times: tuple[float, ...]  # s, when the last frame of each camera arrived
-    stamps: tuple[float, ...]  # s, when it was taken
-    status: tuple[CameraStatus, ...]
-    evidence: FusionMemory
-    fusion: Fusion
-    stamp: float = -np.inf  # s, of the newest frame in it
-    human_points: NDArray[np.float64] = field(default_factory=lambda: _NOBODY)
+    postures: Samples = ()
+    residuals: Samples = ()  # empty if no residual is connected
+    cameras: tuple[_Camera, ...] = ()
+    stamp: float = -np.inf  # s, of the newest frame
+    track: ContactTrack = field(default_factory=ContactTrack)  # without fusion
+    evidence: FusionMemory | None = None  # with it
+    fusion: Fusion = NOTHING
+
+    @property
+    def status(self) -> CameraStatus:
+        """The worst of the cameras."""
+        return max((camera.status for camera in self.cameras), key=_WORST_LAST.index, default=CameraStatus.WAITING)
 
 
-class ContactFusion(LeafSystem):
-    """Finds where a person touches the robot, and how hard, whether a camera sees the contact or not.
+class ContactLocalizer(LeafSystem):
+    """Finds where a person touches the robot, by one depth camera or more and the residual.
 
     .. pydrake_system::
 
-        name: ContactFusion
+        name: ContactLocalizer
         input_ports:
         - position_measured
-        - residual
-        - depth_image_0
-        - image_time_0
-        - depth_image_1 (and so on, one pair a camera)
-        - image_time_1
+        - depth_image
+        - image_time
+        - torque_external
         output_ports:
         - contact_point
+        - camera_status
+        - human_points
         - second_contact_point
         - contact_force
         - second_contact_force
         - other_mode
         - other_mode_weight
-        - camera_status
-        - human_points
 
     Ports
     -----
     position_measured : n (rad or m), from a joint sensor.
-    residual : n (Nm), from `MomentumObserver`; positive along the torque that the person causes.
-    depth_image_k, image_time_k : abstract `ImageDepth32F` (m) and 1 (s), from a `DepthCameraSampler` each.
+    depth_image : abstract `ImageDepth32F` (m), from a `DepthCameraSampler`; one a camera, see `DepthFrames`.
+    image_time : 1 (s), the time at which that image was taken; a change says that a frame has arrived.
+    torque_external : n (Nm), optional, from `MomentumObserver`; positive along the torque that the person causes. One
+        that is not finite counts as none.
     contact_point : abstract `ContactPoint`; its distance is infinite where no camera sees the person there.
-    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen at once.
+    camera_status : 1, the worst `CameraStatus` of all cameras, as a number.
+    human_points : abstract (k, 3) array, points of the person in the world (m) in the last frames.
+    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen; this and the
+        rest with `fusion` only.
     contact_force, second_contact_force : 3 (N, world), of the person on the robot, inside the friction cone.
     other_mode : abstract `ContactPoint`, the best explanation at another place.
     other_mode_weight : 1, its probability against that of the contact (0–0.5): near 0.5 the contact is ambiguous.
-    camera_status : 1, the worst `CameraStatus` of all cameras, as a number.
-    human_points : abstract (k, 3) array, points of the person in the world (m) in the last frames.
 
-    With each new frame, posture and residual at its time stamp are weighed by `ContactFusionLaw`; frames of several
-    cameras that arrive in one cycle are weighed together, at the newest one's stamp. A camera that is not OK is left
-    out; without any, no contact is found.
+    Every `period` posture and residual are remembered; when frames have arrived, those of the newest frame's own time
+    stamp pose the robot. It and the static background are removed from the images, and the rest is explained as
+    something thin or as a limb that touches (`PlaceFinder`). What is seen then makes the contact point,
+
+    - without `fusion` by `ContactTracker`: the camera that sees the person nearest counts, smoothed over frames, and
+      the residual may correct and veto. A contact that no camera sees is not found.
+    - with `fusion` by `ContactFusionLaw`: cameras and residual together, seen or hidden, with forces.
+
+    A camera that is not OK is left out: its frames are late or of another size, hold almost no reading, or belong to a
+    posture that is not finite. With none that is OK, no contact is found.
 
     Parameters
     ----------
     robot : RobotModel
     cameras : sequence of CameraParameters
-    params : FusionParameters, optional
-    localizer : LocalizerParameters, optional
+        Of the cameras that took the images.
+    params : LocalizerParameters, optional
     backgrounds : sequence of (height, width) float32 arrays, optional
-        Static background of each camera, see `background_depth`.
+        Static background of each camera, see `background_depth`; default: none in view.
     poses : sequence of RigidTransform, optional
         Pose X_WC of each camera where it is known better than from its parameters, see `check_camera`.
+    fusion : FusionParameters, optional
+        Finds hidden contacts and forces too.
     period : float
         Time between looks at the inputs (s).
 
     Raises
     ------
-    StateError
-        At an update, if measured position or residual are not finite.
+    ParameterError
+        If there is no camera, a background or pose is missing or of another size, or the period is not positive.
     """
 
     def __init__(
         self,
         robot: RobotModel,
         cameras: Sequence[CameraParameters],
-        params: FusionParameters | None = None,
-        localizer: LocalizerParameters | None = None,
+        params: LocalizerParameters | None = None,
         backgrounds: Sequence[Depth | None] | None = None,
         poses: Sequence[RigidTransform | None] | None = None,
+        fusion: FusionParameters | None = None,
         period: float = 0.005,
     ) -> None:
         super().__init__()
@@ -111,129 +143,107 @@ class ContactFusion(LeafSystem):
             raise ParameterError("period", f"must be positive and finite, got {period}")
         if len(cameras) == 0:
             raise ParameterError("cameras", "at least one is needed")
-        none = [None] * len(cameras)
-        given, placed = list(backgrounds or none), list(poses or none)
-        for name, entries in (("backgrounds", given), ("poses", placed)):
+        backgrounds, poses = backgrounds or [None] * len(cameras), poses or [None] * len(cameras)
+        for name, entries in (("backgrounds", backgrounds), ("poses", poses)):
             if len(entries) != len(cameras):
                 raise ParameterError(name, f"needs one a camera ({len(cameras)}), got {len(entries)}")
-        self._robot, self._localizer = robot, localizer or LocalizerParameters()
-        visions = [
-            ContactVision(robot.shapes, camera, self._localizer, background, X_WC)
-            for camera, background, X_WC in zip(cameras, given, placed)
+        self._robot, self._params = robot, params or LocalizerParameters()
+        self._finders = [
+            PlaceFinder(RobotFilter(robot.shapes, *entry[:1], self._params, *entry[1:]), self._params)
+            for entry in zip(cameras, backgrounds, poses)
         ]
-        self._law = ContactFusionLaw(robot, visions, params or FusionParameters())
-        self._law.compile()
-        self._kept = int(np.ceil(self._localizer.memory / period)) + 1
-        self._position = self.DeclareVectorInputPort("position_measured", BasicVector(robot.n))
-        self._residual = self.DeclareVectorInputPort("residual", BasicVector(robot.n))
-        self._images = []
-        for k, camera in enumerate(cameras):
-            image = Value[ImageDepth32F](ImageDepth32F(camera.width, camera.height))
-            port = self.DeclareAbstractInputPort(f"depth_image_{k}", image)
-            self._images.append((port, self.DeclareVectorInputPort(f"image_time_{k}", BasicVector(1))))
-        count = len(cameras)
-        nothing = Fusion([], None, 0.0, np.zeros((0, 3)))
-        waiting = (CameraStatus.WAITING,) * count
-        empty = _Memory((), (0.0,) * count, (-1.0,) * count, waiting, self._law.empty(), nothing)
-        self._state = self.DeclareAbstractState(AbstractValue.Make(empty))
+        self._tracker = ContactTracker(robot, self._params)
+        self._law = None if fusion is None else ContactFusionLaw(robot, fusion)
+        self._kept = int(np.ceil(self._params.memory / period)) + 1
+        self._frames = DepthFrames(self, robot, cameras)
+        self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         self._declare_outputs()
 
     def _declare_outputs(self) -> None:
-        ticket = {self.abstract_state_ticket(self._state)}
-        abstract = {
-            "contact_point": (ContactPoint(), lambda m: _contact(m, 0)),
-            "second_contact_point": (ContactPoint(), lambda m: _contact(m, 1)),
-            "other_mode": (ContactPoint(), lambda m: _point(m.fusion.second, m.stamp)),
-            "human_points": (_NOBODY, lambda m: m.human_points),
+        ports = {
+            "contact_point": lambda m: m.track.contact,
+            "camera_status": lambda m: [float(m.status)],
+            "human_points": lambda m: np.concatenate([_NOBODY, *(camera.points for camera in m.cameras)]),
         }
-        for name, (initial, read) in abstract.items():
-            self.DeclareAbstractOutputPort(
-                name,
-                alloc=lambda initial=initial: AbstractValue.Make(initial),
-                calc=lambda context, output, read=read: output.set_value(read(self._memory(context))),
-                prerequisites_of_calc=ticket,
-            )
-        vectors = {
-            "contact_force": (3, lambda m: _force(m, 0)),
-            "second_contact_force": (3, lambda m: _force(m, 1)),
-            "other_mode_weight": (1, lambda m: [m.fusion.second_weight]),
-            "camera_status": (1, lambda m: [float(max(m.status, key=_badness))]),
-        }
-        for name, (size, read) in vectors.items():
-            self.DeclareVectorOutputPort(
-                name,
-                BasicVector(size),
-                lambda context, output, read=read: output.SetFromVector(read(self._memory(context))),
-                prerequisites_of_calc=ticket,
-            )
+        if self._law is not None:
+            ports |= {
+                "contact_point": lambda m: m.fusion.contact(0, m.stamp),
+                "second_contact_point": lambda m: m.fusion.contact(1, m.stamp),
+                "contact_force": lambda m: m.fusion.force(0),
+                "second_contact_force": lambda m: m.fusion.force(1),
+                "other_mode": lambda m: contact_point(m.fusion.second, m.stamp),
+                "other_mode_weight": lambda m: [m.fusion.second_weight],
+            }
+        declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), _Memory(), ports)
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
 
     def _update(self, context: Context, state: State) -> EventStatus:
         memory, now = self._memory(context), context.get_time()
-        q = self._robot.checked_vector(self._position.Eval(context), "position_measured")
-        r = self._robot.checked_vector(self._residual.Eval(context), "residual")
-        if not memory.samples:
-            memory = replace(memory, frame_times=(now,) * len(self._images))
-        memory = replace(memory, samples=(*memory.samples, (now, q, r))[-self._kept :])
-        memory = self._with_frames(context, memory, now)
+        memory = replace(
+            memory,
+            postures=self._frames.remember(context, memory.postures, self._kept),
+            residuals=self._with_residual(context, memory.residuals),
+            cameras=memory.cameras or (_Camera(now),) * len(self._finders),
+        )
+        memory = self._with_frames(context, memory)
+        if all(camera.status != CameraStatus.OK for camera in memory.cameras):
+            memory = replace(memory, track=ContactTrack(), evidence=None, fusion=NOTHING)
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
         return EventStatus.Succeeded()
 
-    def _with_frames(self, context: Context, memory: _Memory, now: float) -> _Memory:
+    def _with_residual(self, context: Context, residuals: Samples) -> Samples:
+        if not self._residual.HasValue(context):
+            return ()
+        return (*residuals, (context.get_time(), np.array(self._residual.Eval(context))))[-self._kept :]
+
+    def _with_frames(self, context: Context, memory: _Memory) -> _Memory:
         """Return the memory with the frames that have arrived, and the cameras' status."""
-        stamps, times, status = list(memory.stamps), list(memory.frame_times), list(memory.status)
-        images: list[Depth | None] = [None] * len(self._images)
-        for k, (port, time_port) in enumerate(self._images):
-            stamp = float(time_port.Eval(context)[0])
-            usable = 0.0 <= stamp <= now and now - stamp <= self._localizer.memory
-            if usable and stamp != stamps[k]:
-                images[k] = port.Eval(context).data[..., 0]
-                stamps[k], times[k] = stamp, now
-            elif now - times[k] > self._localizer.timeout + 1e-9:
-                status[k] = CameraStatus.STALE
-        if any(image is not None for image in images):
-            newest = max(stamp for stamp, image in zip(stamps, images) if image is not None)
-            q, r = self._sample_at(memory.samples, newest)
-            evidence = self._law.evidence(q, r, images, self._localizer.least_seen)
-            for k, share in evidence.shares.items():
-                status[k] = CameraStatus.OK if share >= self._localizer.least_seen else CameraStatus.INVALID
-            kept = self._law.remember(memory.evidence, evidence)
-            points = evidence.human_points
-            memory = replace(memory, evidence=kept, fusion=self._law.decide(kept), stamp=newest, human_points=points)
-        memory = replace(memory, stamps=tuple(stamps), frame_times=tuple(times), status=tuple(status))
-        if CameraStatus.OK not in status:
-            nothing = Fusion([], None, 0.0, np.zeros((0, 3)))
-            return replace(memory, evidence=self._law.empty(), fusion=nothing, human_points=_NOBODY)
-        return memory
+        now, cameras = context.get_time(), list(memory.cameras)
+        stamps = self._frames.fresh(context, [camera.stamp for camera in cameras], self._params.memory)
+        for k, camera in enumerate(cameras):
+            if k not in stamps and now - camera.arrived > self._params.timeout + 1e-9:
+                cameras[k] = _Camera(camera.arrived, camera.stamp, CameraStatus.STALE)
+        if not stamps:
+            return replace(memory, cameras=tuple(cameras))
+        newest = max(stamps.values())
+        at, views = self._instant(memory, newest), []
+        for k, stamp in stamps.items():
+            view = self._look(context, k, at)
+            cameras[k] = _Camera(now, stamp, CameraStatus.INVALID)
+            if view is not None:
+                cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points)
+                views.append(view)
+        memory = replace(memory, cameras=tuple(cameras), stamp=newest)
+        return self._decided(memory, views, at) if views else memory
 
-    @staticmethod
-    def _sample_at(samples: tuple[tuple[float, Array, Array], ...], time: float) -> tuple[Array, Array]:
-        """Posture and residual at a time, interpolated."""
-        times = np.array([sample[0] for sample in samples])
-        columns = np.array([np.concatenate(sample[1:]) for sample in samples]).T
-        row = np.array([np.interp(time, times, column) for column in columns])
-        return row[: len(row) // 2], row[len(row) // 2 :]
+    def _instant(self, memory: _Memory, stamp: float) -> Instant:
+        """Return the robot at a time, with the residual if there is one."""
+        r = sample_at(memory.residuals, stamp) if memory.residuals else np.full(self._robot.n, np.nan)
+        return instant(self._robot, stamp, sample_at(memory.postures, stamp), r if np.isfinite(r).all() else None)
 
+    def _look(self, context: Context, k: int, at: Instant) -> View | None:
+        """Return what a camera's frame shows, if it can be used."""
+        depth = self._frames.depth(context, k)
+        if depth is None or not np.all(np.isfinite(at.p_WL)):
+            return None
+        view = self._finders[k].look(depth, at.R_WL, at.p_WL, 1 if self._law is None else 2)
+        return view if view.person.seen >= self._params.least_seen else None
 
-def _badness(status: CameraStatus) -> int:
-    order = (CameraStatus.OK, CameraStatus.WAITING, CameraStatus.INVALID, CameraStatus.STALE)
-    return order.index(status)
-
-
-def _point(mode: Mode | None, stamp: float) -> ContactPoint:
-    if mode is None:
-        return ContactPoint(stamp=stamp)
-    return ContactPoint(True, mode.link, mode.p_L, mode.n_L, mode.distance, stamp)
+    def _decided(self, memory: _Memory, views: list[View], at: Instant) -> _Memory:
+        """Return the memory with the contact that new views show."""
+        if self._law is not None:
+            evidence = self._law.remember(memory.evidence or self._law.empty(), self._law.evidence(at, views))
+            return replace(memory, evidence=evidence, fusion=self._law.decide(evidence))
+        places = min((view.places for view in views), key=_distance)
+        if _distance(places) >= self._params.gate > min(_distance(camera.places) for camera in memory.cameras):
+            return memory  # another camera sees the contact
+        return replace(memory, track=self._tracker.after(memory.track, places, at))
 
 
-def _contact(memory: _Memory, k: int) -> ContactPoint:
-    modes = memory.fusion.modes
-    return _point(modes[k] if k < len(modes) else None, memory.stamp)
-
-
-def _force(memory: _Memory, k: int) -> Array:
-    forces = memory.fusion.forces
-    return forces[k] if k < len(forces) else np.zeros(3)
+def _distance(places: Sequence[Place]) -> float:
+    """Return the distance (m) of the person, ∞ without a place."""
+    return min((place.distance for place in places), default=np.inf)

@@ -5,23 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from saphari_drake.compiled import njit
-from saphari_drake.math.primitives import nearest_surface_point, surface_point_local
+from saphari_drake.math.primitives import nearest_surface_point, surface_point
+from saphari_drake.perception.segmentation.person import Readings
 
 
 @njit(cache=True)
-def _project(kind, size, R, p, point, local, normal, out):
-    """Fill `out` (3,) with the projection of a point (3,) on a shape; `local` and `normal` are scratch."""
-    a, b, c = point[0] - p[0], point[1] - p[1], point[2] - p[2]
-    for k in range(3):
-        local[k] = R[0, k] * a + R[1, k] * b + R[2, k] * c
-    surface_point_local(kind, size, local, out, normal)
-    a, b, c = out[0], out[1], out[2]
-    for k in range(3):
-        out[k] = p[k] + R[k, 0] * a + R[k, 1] * b + R[k, 2] * c
-
-
-@njit(cache=True)
-def soft_minimum(point, distance, owner, kind, size, link, R_CS, p_CS, rank, softness, spread, rounds):
+def soft_minimum(readings, shapes, rank, softness, spread, rounds):
     """Return link, distance (m), surface point (3,) in C of the person's nearest part, and its extent; link −1 without.
 
     The `rank`-th smallest distance d to the moving links is the distance of the person. Projections on the surface
@@ -31,9 +20,13 @@ def soft_minimum(point, distance, owner, kind, size, link, R_CS, p_CS, rank, sof
 
     Parameters
     ----------
-    point, distance, owner : (k, 3), (k,) and (k,) arrays
-        The person's readings in C (m), their distances from the robot (m) and the nearest shapes.
+    readings : Readings
+        The person's.
+    shapes : Primitives
+        The robot's, in C.
     """
+    point, distance, owner = readings
+    link = shapes.link
     nearest, where = np.full(rank, np.inf), np.zeros(rank, np.int64)
     for i in range(distance.shape[0]):
         if distance[i] < nearest[rank - 1] and link[owner[i]] >= 0:
@@ -45,20 +38,16 @@ def soft_minimum(point, distance, owner, kind, size, link, R_CS, p_CS, rank, sof
     least = nearest[rank - 1]
     if least == np.inf:
         return -1, np.inf, np.zeros(3), np.zeros((3, 3))
-    local, normal, centre = np.empty(3), np.empty(3), np.empty(3)
     i = where[rank - 1]
     s = owner[i]
-    _project(kind[s], size[s], R_CS[s], p_CS[s], point[i], local, normal, centre)
-    far, total, count = least + 6.0 * softness, 0, 0
-    for i in range(distance.shape[0]):
-        total += distance[i] < far and link[owner[i]] >= 0
-    on_surface, weight, on = np.empty((total, 3)), np.empty(total), np.empty(total, np.int64)
-    for i in range(distance.shape[0]):
-        s = owner[i]
-        if distance[i] < far and link[s] >= 0:
-            _project(kind[s], size[s], R_CS[s], p_CS[s], point[i], local, normal, on_surface[count])
-            weight[count], on[count] = np.exp(-max(distance[i] - least, 0.0) / softness), link[s]
-            count += 1
+    _, centre, _ = surface_point(shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s], point[i])
+    near = np.flatnonzero((distance < least + 6.0 * softness) & (link[owner] >= 0))
+    count = near.shape[0]
+    on_surface = np.empty((count, 3))
+    for k in range(count):
+        s = owner[near[k]]
+        _, on_surface[k], _ = surface_point(shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s], point[near[k]])
+    weight, on = np.exp(-np.maximum(distance[near] - least, 0.0) / softness), link[owner[near]]
     votes = np.zeros(link.shape[0])
     first, second = np.zeros(3), np.zeros((3, 3))
     members = 0
@@ -85,17 +74,14 @@ def soft_minimum(point, distance, owner, kind, size, link, R_CS, p_CS, rank, sof
 
 
 @njit(cache=True)
-def away_from(point, distance, owner, p, apart):
+def away_from(readings, p, apart):
     """Return the readings that lie at least `apart` (m) from the point p (3,)."""
-    left = np.empty(distance.shape[0], np.bool_)
-    for i in range(distance.shape[0]):
-        a, b, c = point[i, 0] - p[0], point[i, 1] - p[1], point[i, 2] - p[2]
-        left[i] = a * a + b * b + c * c >= apart * apart
-    return point[left], distance[left], owner[left]
+    left = np.sum((readings.point - p) ** 2, axis=1) >= apart * apart
+    return Readings(readings.point[left], readings.distance[left], readings.owner[left])
 
 
 @njit(cache=True)
-def behind_the_view(kind, size, link, R_CS, p_CS, on, p, extent, share, least, most):
+def behind_the_view(shapes, on, p, extent, share, least, most):
     """Move a surface point (3,) of link `on` behind what the camera sees of a thing that is as thick as it is wide.
 
     The camera sees the near side; the middle lies behind it along the surface by `share` of the width, at least `least`
@@ -106,6 +92,7 @@ def behind_the_view(kind, size, link, R_CS, p_CS, on, p, extent, share, least, m
     link, p (3,), n (3,) : the surface point of any moving link there (m), and its outward normal, in C
     width : deviation of the extent (3, 3) across the view (m)
     """
+    kind, size, link, R_CS, p_CS = shapes
     _, _, surface, n = nearest_surface_point(kind, size, R_CS, p_CS, link == on, p)
     away = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     ray, across = p / away, np.empty(3)

@@ -4,28 +4,13 @@ from dataclasses import dataclass
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.segmentation.parameters import SegmentationParameters
 
 
 @dataclass
-class LocalizerParameters:
-    """Numbers of the contact localizer. Distances marked (s) hold at `scale_depth` and grow with the depth squared."""
+class LocalizerParameters(SegmentationParameters):
+    """Numbers of the contact localizer."""
 
-    # Distance around the robot within which the image is examined (m, > 0).
-    reach: float = 0.12
-    # Distance from the robot beyond which a reading surely is no robot (m, s, > grow_distance).
-    seed_distance: float = 0.020
-    # Distance beyond which a reading within 4 pixels of such a one is none either (m, s, > 0).
-    grow_distance: float = 0.008
-    # Margin before the background within which a reading counts as background (m, s, > 0).
-    background_margin: float = 0.020
-    # Depth at which (s) holds (m, > 0), and the least factor by which a smaller depth shrinks it (0–1).
-    scale_depth: float = 1.7
-    least_scale: float = 0.25
-    # Least number of the person's pixels in a 5 × 5 window (1–25) at depths that differ by less than this (m, s, > 0).
-    support: int = 7
-    support_step: float = 0.03
-    # Least number of the person's pixels in a connected component (≥ 1).
-    component: int = 25
     # Rank of the smallest distance that anchors the soft minimum (≥ 1), its width (m, > 0), its extent (m, > 0), and
     # how often it is centred anew (≥ 1).
     rank: int = 6
@@ -47,8 +32,6 @@ class LocalizerParameters:
     limb_softness: float = 0.003
     # Distance of the person below which a contact is possible (m, > 0).
     gate: float = 0.028
-    # Spacing of the person's points that are published (pixels, ≥ 1).
-    points_stride: int = 6
     # Least share of the robot's visible axis points that must have a reading (0–1) for a frame to be valid.
     least_seen: float = 0.5
     # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
@@ -73,23 +56,88 @@ class LocalizerParameters:
     memory: float = 0.3
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_positive(
-            self, "reach", "seed_distance", "grow_distance", "background_margin", "scale_depth", "least_scale",
-            "support", "support_step", "component", "rank", "softness", "spread", "rounds", "gate",
-            "limb_reach", "limb_radius", "limb_gap", "limb_distance", "limb_softness", "points_stride",
-            "timeout", "point_sigma", "near", "slide", "time_constant", "jump", "switch_frames", "torque_sigma",
-            "felt", "veto", "memory",
+            self, "rank", "softness", "spread", "rounds", "gate", "limb_reach", "limb_radius", "limb_gap",
+            "limb_distance", "limb_softness", "timeout", "point_sigma", "near", "slide", "time_constant", "jump",
+            "switch_frames", "torque_sigma", "felt", "veto", "memory",
         )  # fmt: skip
         require_non_negative(self, "thickness", "least_thickness", "most_thickness")
         if self.most_thickness < self.least_thickness:
             raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
-        if self.grow_distance >= self.seed_distance:
-            raise ParameterError("grow_distance", f"must be below seed_distance, got {self.grow_distance}")
-        if self.least_scale > 1.0:
-            raise ParameterError("least_scale", f"must not exceed 1, got {self.least_scale}")
-        if self.support > 25:
-            raise ParameterError("support", f"a window has 25 pixels, got {self.support}")
         if not 0.0 <= self.least_seen <= 1.0:
             raise ParameterError("least_seen", f"must lie in 0–1, got {self.least_seen}")
         if self.gate > self.reach:
             raise ParameterError("gate", f"must not exceed reach ({self.reach} m), got {self.gate}")
+
+
+@dataclass
+class FusionParameters:
+    """Numbers of what finds hidden contacts too, see `ContactFusionLaw`."""
+
+    # Points of the surface that are weighed (≥ 10).
+    candidates: int = 1700
+    # Standard deviation of the residual of each joint (Nm, > 0), and size of a usual force (N, > 0).
+    torque_sigma: float = 0.2
+    force_scale: float = 30.0
+    # Friction of skin on the cover, and the share of the largest singular value below which a direction is left out.
+    friction: float = 0.5
+    rcond: float = 0.02
+    # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
+    felt: float = 5.0
+    # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches, and
+    # that of a fitted limb (m, > 0).
+    vision_sigma: float = 0.003
+    width_share: float = 0.4
+    limb_sigma: float = 0.006
+    # Distance of the person up to which a point is taken as it is, and by which more costs 1 (m, > 0).
+    near: float = 0.015
+    far: float = 0.010
+    # Cost of a contact where nobody is seen on the surface although somebody is seen touching it (≥ 0).
+    unseen_cost: float = 12.0
+    # Cost of a contact in space that is seen to be free (≥ 0), within these distances of the person none to full (m).
+    free_cost: float = 16.0
+    free_from: float = 0.03
+    free_to: float = 0.07
+    # Distance from the person's visible parts that costs 1 (m, > 0), and the most that distance costs (≥ 0).
+    person_scale: float = 0.06
+    person_cost: float = 12.0
+    # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
+    mode_distance: float = 0.05
+    modes: int = 3
+    # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
+    memory: float = 0.9
+    # Share of a force that is new with each frame (0–1).
+    again: float = 0.2
+    frames: int = 8
+    # Forces of two contacts: a usual one along the normal (N, ≥ 0), its deviations along and across it (N, > 0),
+    # and those of a frame's force from the mean of the last frames (N, > 0).
+    usual_force: float = 20.0
+    usual_along: float = 15.0
+    usual_across: float = 6.0
+    force_along: float = 4.0
+    force_across: float = 3.0
+    # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
+    # (N, ≥ 0) comes out, and which explain the mean residual better than any one does by at least this cost (≥ 0).
+    second_distance: float = 0.10
+    second_force: float = 3.0
+    second_cost: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near",
+            "far",
+            "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
+            "second_distance", "usual_along", "usual_across", "force_along", "force_across",
+        )  # fmt: skip
+        require_non_negative(
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force", "second_cost"
+        )
+        if not 0.0 <= self.memory <= 1.0:
+            raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
+        if not 0.0 <= self.again <= 1.0:
+            raise ParameterError("again", f"must lie in 0–1, got {self.again}")
+        if not 0.0 < self.rcond < 1.0:
+            raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
+        if self.free_to <= self.free_from:
+            raise ParameterError("free_to", f"must be above free_from ({self.free_from} m), got {self.free_to}")

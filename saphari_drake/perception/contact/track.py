@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.messages import ContactPoint, Immutable
-from saphari_drake.perception.contact.correction import Instant, corrected_point
+from saphari_drake.perception.camera.frames import Instant, instant
+from saphari_drake.perception.contact.correction import corrected_point
 from saphari_drake.perception.contact.parameters import LocalizerParameters
-from saphari_drake.perception.contact.vision import Localization
+from saphari_drake.perception.contact.places import Place
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ class ContactTrack(Immutable):
 class ContactTracker:
     """Follows one contact; holds constants only.
 
-    Each frame explains what it sees as something thin, as a limb, or both (`ContactVision.localize_several`). Their
+    Each frame explains what it sees as something thin, as a limb, or both (`PlaceFinder.look`). Their
     costs are compared over frames, not anew in each: what touches stays what it is. Where the robot is felt to be
     touched, each is corrected by the residual (`corrected_point`), and one that residual and image together do not
     allow costs more: the residual may veto.
@@ -65,19 +66,15 @@ class ContactTracker:
     ----------
     robot : RobotModel
     params : LocalizerParameters
-    on_surface : callable
-        ``on_surface(link, p_L) -> (p_L, n_L)``, the surface point nearest to a point of a link (m) and its normal.
     """
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        params: LocalizerParameters,
-        on_surface: Callable[[int, Array], tuple[Array, Array]],
-    ) -> None:
-        self._robot, self._params, self._on_surface = robot, params, on_surface
+    def __init__(self, robot: RobotModel, params: LocalizerParameters) -> None:
+        self._robot, self._params = robot, params
+        at = instant(robot, 0.0, robot.home, np.full(robot.n, 100.0 * params.felt * params.torque_sigma))
+        link = int(robot.shapes.link.max())
+        self.after(ContactTrack(), [Place(link, 0.0, *robot.shapes.nearest_on(link, np.zeros(3)))], at)  # compiles
 
-    def after(self, track: ContactTrack, seen: Sequence[Localization], at: Instant) -> ContactTrack:
+    def after(self, track: ContactTrack, seen: Sequence[Place], at: Instant) -> ContactTrack:
         """Return the track after a frame that shows the explanations `seen` of the person's nearest place."""
         params, last = self._params, track.contact
         if all(place.distance >= params.gate for place in seen):
@@ -96,19 +93,19 @@ class ContactTracker:
 
     def _felt(self, at: Instant) -> bool:
         """Whether the residual is more than noise."""
-        return at.r is not None and bool(np.linalg.norm(at.r) > self._params.felt * self._params.torque_sigma)
+        return at.felt(self._params.felt * self._params.torque_sigma)
 
-    def _with_residual(self, place: Localization, at: Instant) -> Localization:
+    def _with_residual(self, place: Place, at: Instant) -> Place:
         """Return a place as residual and image together explain it."""
         params, r = self._params, at.r
-        if place.link < 0 or r is None or not self._felt(at):
+        if r is None or not self._felt(at):
             return place
         sigma = np.sqrt(self._variance(place))
         p_L, left = corrected_point(self._robot, at, r, place.link, place.p_LC, place.n_L, params.torque_sigma, sigma)
-        p_LC, n_L = self._on_surface(place.link, p_L)
+        p_LC, n_L = self._robot.shapes.nearest_on(place.link, p_L)
         return place._replace(p_LC=p_LC, n_L=n_L, cost=place.cost + max(left - params.veto, 0.0) ** 2)
 
-    def _moved(self, track: ContactTrack, place: Localization, at: Instant, weight: float) -> ContactTrack:
+    def _moved(self, track: ContactTrack, place: Place, at: Instant, weight: float) -> ContactTrack:
         """Return the track with its contact moved towards a place, or put there."""
         params, last = self._params, track.contact
         p_W, p_W_last = _world(at, place.link, place.p_LC), _world(at, last.link, last.p_LC)
@@ -122,16 +119,16 @@ class ContactTracker:
         known = track.variance + params.slide**2 * (at.stamp - last.stamp)
         gain = known / (known + self._variance(place))
         p_W = p_W_last + gain * (p_W - p_W_last)
-        p_LC, n_L = self._on_surface(link, at.R_WL[link].T @ (p_W - at.p_WL[link]))
+        p_LC, n_L = self._robot.shapes.nearest_on(link, at.R_WL[link].T @ (p_W - at.p_WL[link]))
         contact = _contact(place._replace(link=link), p_LC, n_L, at)
         share = share if link == last.link else 0.0
         return ContactTrack(contact, (1.0 - gain) * known, track.balance, share, felt=self._felt(at))
 
-    def _new(self, place: Localization, at: Instant, balance: float) -> ContactTrack:
+    def _new(self, place: Place, at: Instant, balance: float) -> ContactTrack:
         contact = _contact(place, place.p_LC, place.n_L, at)
         return ContactTrack(contact, self._variance(place), balance, felt=self._felt(at))
 
-    def _variance(self, place: Localization) -> float:
+    def _variance(self, place: Place) -> float:
         """Return the variance (m²) of the contact point that a frame shows."""
         away = max(place.distance - self._params.near, 0.0)
         return self._params.point_sigma**2 + away**2
@@ -141,5 +138,5 @@ def _world(at: Instant, link: int, p_L: Array) -> Array:
     return at.p_WL[link] + at.R_WL[link] @ p_L
 
 
-def _contact(place: Localization, p_LC: Array, n_L: Array, at: Instant) -> ContactPoint:
+def _contact(place: Place, p_LC: Array, n_L: Array, at: Instant) -> ContactPoint:
     return ContactPoint(True, place.link, p_LC, n_L, place.distance, at.stamp)

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
-from saphari_drake.perception.camera.frames import DepthFrames, Postures, link_poses, posture_at
+from saphari_drake.perception.camera.frames import DepthFrames, Samples, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.vision import ContactVision, LocalizerParameters
 from saphari_drake.perception.obstacles.tracks import (
     NO_TRACKS,
     ObstacleTrackerParameters,
@@ -20,12 +19,12 @@ from saphari_drake.perception.obstacles.tracks import (
     update_tracks,
     voxel_means,
 )
+from saphari_drake.perception.segmentation.parameters import SegmentationParameters
+from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle
+from saphari_drake.systems import cycle, declare_outputs
 
 Array = NDArray[np.float64]
-Depth = NDArray[np.float32]
-
 
 _UNKNOWN = ObstaclePoints(status=ObstacleStatus.LOST)
 
@@ -34,7 +33,7 @@ _UNKNOWN = ObstaclePoints(status=ObstacleStatus.LOST)
 class _Memory(Immutable):
     """All that changes. Never changed in place, so never copied."""
 
-    postures: Postures = ()  # times (s) and joint positions (n,), oldest first
+    postures: Samples = ()  # times (s) and joint positions (n,), oldest first
     stamp: float = -1.0  # s, when the last frame was taken
     tracks: Tracks = NO_TRACKS
     obstacles: ObstaclePoints = _UNKNOWN
@@ -63,12 +62,12 @@ class ObstacleTracker(LeafSystem):
     status : 1, their `ObstacleStatus` as a number.
 
     The robot, posed as it was at the frame's time stamp, and the static background are removed from the image
-    (`ContactVision`); what is left becomes obstacle points (`update_tracks`) in the middle of the body, half its
+    (`RobotFilter`); what is left becomes obstacle points (`update_tracks`) in the middle of the body, half its
     thickness behind what is seen. Their radius covers what each stands for, from its near side to its far side.
 
     Status: OK when all points are seen in the last frame; HELD while one is held, or frames are late; LOST before the
-    first frame, without one for `timeout`, and when a frame shows too little: then there are no points, and whoever
-    needs them must stop.
+    first frame, without one for `timeout`, and when a frame shows too little, has another size, or belongs to a posture
+    that is not finite: then there are no points, and whoever needs them must stop.
 
     Parameters
     ----------
@@ -76,15 +75,15 @@ class ObstacleTracker(LeafSystem):
     camera : CameraParameters
         Of the camera that took the images.
     params : ObstacleTrackerParameters, optional
-    vision : LocalizerParameters, optional
+    vision : SegmentationParameters, optional
         How robot and background are removed.
     background : (height, width) float32 array, optional
         Static background, see `background_depth`; default: none in view.
 
     Raises
     ------
-    StateError
-        At an update, if the measured position is not finite.
+    ParameterError
+        If the background has another size than the image.
     """
 
     def __init__(
@@ -92,37 +91,31 @@ class ObstacleTracker(LeafSystem):
         robot: RobotModel,
         camera: CameraParameters,
         params: ObstacleTrackerParameters | None = None,
-        vision: LocalizerParameters | None = None,
+        vision: SegmentationParameters | None = None,
         background: Depth | None = None,
     ) -> None:
         super().__init__()
         self._robot, self._params = robot, params or ObstacleTrackerParameters()
-        self._vision = ContactVision(robot.shapes, camera, vision or LocalizerParameters(), background)
+        self._filter = RobotFilter(robot.shapes, camera, vision or SegmentationParameters(), background)
         self._background = None if background is None else np.isfinite(background)
         self._frame_period = 1.0 / camera.rate
         self._kept = int(np.ceil((self._params.timeout + self._frame_period) / self._params.period)) + 2
-        # Every kernel is compiled here, by an image that shows something everywhere.
-        self._points(np.full((camera.height, camera.width), camera.near, dtype=np.float32), robot.home)
-        self._frames = DepthFrames(self, robot, camera)
+        robot.kinematics(robot.home)  # compiles
+        self._frames = DepthFrames(self, robot, [camera])
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
-        ticket = {self.abstract_state_ticket(self._state)}
-        self.DeclareAbstractOutputPort(
-            "obstacles",
-            alloc=lambda: AbstractValue.Make(ObstaclePoints()),
-            calc=lambda context, output: output.set_value(self._memory(context).obstacles),
-            prerequisites_of_calc=ticket,
-        )
-        self.DeclareVectorOutputPort(
-            "status",
-            BasicVector(1),
-            lambda context, output: output.SetAtIndex(0, float(self._memory(context).obstacles.status)),
-            prerequisites_of_calc=ticket,
+        declare_outputs(
+            self,
+            self._memory,
+            self.abstract_state_ticket(self._state),
+            _Memory(),
+            {"obstacles": lambda m: m.obstacles, "status": lambda m: [float(m.obstacles.status)]},
         )
 
     def _points(self, depth: Depth, q: Array) -> Array:
         """Return the points (k, 3) in the world that are neither robot nor background."""
-        return self._vision.localize(depth, *link_poses(self._robot, q)).human_points
+        at = self._robot.kinematics(q)
+        return self._filter.person(depth, at.R_WL, at.p_WL).points
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
@@ -130,9 +123,9 @@ class ObstacleTracker(LeafSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         params, memory, now = self._params, self._memory(context), context.get_time()
         memory = replace(memory, postures=self._frames.remember(context, memory.postures, self._kept))
-        stamp = self._frames.stamp(context)
-        if stamp > memory.stamp and 0.0 <= now - stamp <= params.timeout:
-            memory = self._with_frame(memory, self._frames.depth(context), stamp)
+        fresh = self._frames.fresh(context, [memory.stamp], params.timeout)
+        if fresh:
+            memory = self._with_frame(memory, self._frames.depth(context), fresh[0])
         elif now - memory.stamp > params.timeout + 1e-9:
             lost = ObstaclePoints(stamp=memory.stamp, status=ObstacleStatus.LOST)
             memory = replace(memory, tracks=NO_TRACKS, obstacles=lost)
@@ -141,14 +134,14 @@ class ObstacleTracker(LeafSystem):
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
         return EventStatus.Succeeded()
 
-    def _with_frame(self, memory: _Memory, depth: Depth, stamp: float) -> _Memory:
-        params = self._params
-        if self._blind(depth):
+    def _with_frame(self, memory: _Memory, depth: Depth | None, stamp: float) -> _Memory:
+        params, q = self._params, sample_at(memory.postures, stamp)
+        if depth is None or not np.all(np.isfinite(q)) or self._blind(depth):
             lost = ObstaclePoints(stamp=stamp, status=ObstacleStatus.LOST)
             return replace(memory, stamp=stamp, tracks=NO_TRACKS, obstacles=lost)
-        cloud = self._points(depth, posture_at(memory.postures, stamp))
+        cloud = self._points(depth, q)
         surface = voxel_means(cloud[cloud[:, 2] > params.lowest], params.voxel)
-        away = surface - self._vision.pose[1]
+        away = surface - self._filter.p_WC
         half = params.thickness * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
         elapsed = stamp - memory.stamp if memory.stamp >= 0.0 else self._frame_period
         tracks = update_tracks(memory.tracks, surface + half, half, elapsed, params)

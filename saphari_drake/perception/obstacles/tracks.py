@@ -1,5 +1,6 @@
 """From clouds of points to few obstacle points with velocities: a moving k-means with an alpha–beta filter."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,8 @@ class ObstacleTrackerParameters:
             self, "period", "voxel", "spacing", "most", "gate", "alpha", "max_speed", "timeout", "least_points"
         )
         require_non_negative(self, "beta", "share", "thickness", "hold", "least_seen")
+        if not math.isfinite(self.lowest):
+            raise ParameterError("lowest", f"must be finite, got {self.lowest}")
         if self.alpha > 1.0 or self.beta > 1.0 or self.least_seen > 1.0:
             raise ParameterError("alpha", "alpha, beta and least_seen must not exceed 1")
 
@@ -80,8 +83,8 @@ class Tracks(Immutable):
 NO_TRACKS = Tracks(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64))
 
 
-def voxel_means(points: Array, size: float, least: int = 1) -> Array:
-    """Return the mean of the points (k, 3) in each cube of edge `size` (m) that holds at least `least` of them."""
+def voxel_means(points: Array, size: float) -> Array:
+    """Return the mean of the points (k, 3) in each cube of edge `size` (m) that holds any."""
     if len(points) == 0:
         return np.zeros((0, 3))
     cells = np.floor(points / size).astype(np.int64)
@@ -90,7 +93,7 @@ def voxel_means(points: Array, size: float, least: int = 1) -> Array:
     key = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
     _, group, count = np.unique(key, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(group, weights=column, minlength=count.size) for column in points.T], axis=1)
-    return (sums / count[:, None])[count >= least]
+    return sums / count[:, None]
 
 
 def update_tracks(tracks: Tracks, points: Array, half: Array, dt: float, params: ObstacleTrackerParameters) -> Tracks:

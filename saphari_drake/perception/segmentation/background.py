@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import StateError
-from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.perception.segmentation.parameters import SegmentationParameters
 
 Depth = NDArray[np.float32]
 
 
-def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameters | None = None) -> Depth:
+def background_depth(frames: Sequence[Depth] | Depth, params: SegmentationParameters | None = None) -> Depth:
     """Learn the static background of each pixel from frames with the robot in several postures and no person.
 
     It is the median of the farthest readings that agree, at least two and a tenth of all frames. A pixel without a
@@ -24,7 +24,7 @@ def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameter
     frames : (k, height, width) float32 array, or sequence of images
         Depth (m); 0, NaN and +inf are no reading.
     """
-    params = params or LocalizerParameters()
+    params = params or SegmentationParameters()
     stack = np.array(frames, dtype=np.float32)
     if stack.ndim != 3 or len(stack) == 0:
         raise StateError(f"frames: one or more images are needed, got shape {stack.shape}")
@@ -39,8 +39,7 @@ def background_depth(frames: Sequence[Depth] | Depth, params: LocalizerParameter
         if not open_.any():
             break
         top = stack[i][open_]
-        tolerance = 2.0 * params.background_margin * np.maximum((top / params.scale_depth) ** 2, params.least_scale)
-        agree = stack[i:][:, open_] >= top - tolerance
+        agree = stack[i:][:, open_] >= top - 2.0 * params.background_margin * params.scale(top)
         size = agree.sum(axis=0)
         median = np.take_along_axis(stack[i:][:, open_], np.maximum(size - 1, 0)[None] // 2, axis=0)[0]
         rows, cols = np.nonzero(open_)

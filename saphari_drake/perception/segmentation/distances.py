@@ -1,13 +1,15 @@
 """How far each reading of a depth image is from the robot: the compiled pass over all pixels near it.
 
-All passes of the localizer work in the camera frame C (x right, y down, z forward). The region is the rectangle of the
-image, first row and column included, last ones not, outside of which nothing is near the robot. Masks over it carry a
-border of `BORDER` pixels, so that windows need no checks.
+All passes work in the camera frame C (x right, y down, z forward). Masks over a `Region` carry a border of `BORDER`
+pixels, so that windows need no checks.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import BOX, CAPSULE
@@ -15,9 +17,19 @@ from saphari_drake.math.primitives import BOX, CAPSULE
 BORDER = 4  # pixels; also the reach of growth and more than half a support window
 
 
+class RobotDistance(NamedTuple):
+    """How far the foreground of a region is from the robot, the foreground being what lies before the background."""
+
+    best: NDArray[np.float32]  # (rows, cols) m, distance to the nearest shape; +inf: no foreground, or no shape near
+    owner: NDArray[np.int32]  # (rows, cols) that shape (−1: none)
+    weak: NDArray[np.uint8]  # (rows + 2 BORDER, cols + 2 BORDER) foreground beyond `grow_distance` …
+    strong: NDArray[np.uint8]  # … and beyond `seed_distance`, both times max((z / scale_depth)², least_scale)
+
+
 @njit(cache=True, fastmath={"contract", "nsz", "arcp", "reassoc"})
-def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
+def _shape_row(shapes, s, z, x, y, best, owner):
     """Lower `best` (m) to the distance of the points (x z, y z, z) to shape s, which then owns them."""
+    kind, size, R, p = shapes.kind[s], shapes.size[s], shapes.R[s], shapes.p[s]
     r, a, b, c = np.float32(size[0]), np.float32(size[0]), np.float32(size[1]), np.float32(size[2])
     px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
     R00, R10, R20 = np.float32(R[0, 0]), np.float32(R[1, 0]), np.float32(R[2, 0])
@@ -60,27 +72,29 @@ def _shape_row(kind, size, R, p, s, z, x, y, best, owner):
 
 
 @njit(cache=True)
-def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed, grow, z_ref, least):
-    """Measure the foreground of the region against the shapes whose inflated silhouette covers it.
+def distances(z, limit, pinhole, shapes, region, tuning):
+    """Measure the foreground of a region against the shapes whose inflated silhouettes cover it: `RobotDistance`.
 
-    Returns
-    -------
-    best (rows, cols) float32
-        Distance to the nearest of those shapes (m); +inf where no shape is near. Junk where not foreground.
-    owner (rows, cols) int32
-        That shape (−1: none).
-    weak, strong : (rows + 2 BORDER, cols + 2 BORDER) uint8
-        Foreground beyond the distances `grow` and `seed` (m), both times max((z / z_ref)², least).
+    Parameters
+    ----------
+    z, limit : (height, width) float32 arrays
+        Depth image, and the depth from which on it shows the background (m).
+    pinhole : Pinhole
+    shapes : Primitives
+        The robot in C.
+    region : Region
+    tuning : Tuning
     """
-    r0, r1, c0, c1 = region
-    rows, cols = r1 - r0, c1 - c0
-    best = np.full((rows, cols), np.float32(np.inf), np.float32)
-    owner = np.full((rows, cols), np.int32(-1), np.int32)
+    r0, c0, c1 = region.r0, region.c0, region.c1
+    rows, cols = region.r1 - r0, c1 - c0
+    infinite, none = np.float32(np.inf), np.int32(-1)
+    best = np.full((rows, cols), infinite, np.float32)
+    owner = np.full((rows, cols), none, np.int32)
     weak = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
     strong = np.zeros((rows + 2 * BORDER, cols + 2 * BORDER), np.uint8)
     line = np.empty(cols, np.float32)
-    seed, grow = np.float32(seed), np.float32(grow)
-    per_z, least, zero = np.float32(1.0 / z_ref), np.float32(least), np.float32(0.0)
+    seed, grow = np.float32(tuning.seed_distance), np.float32(tuning.grow_distance)
+    per_z, least, zero = np.float32(1.0 / tuning.scale_depth), np.float32(tuning.least_scale), np.float32(0.0)
     for i in range(rows):
         r = r0 + i
         z_row, limit_row = z[r, c0:c1], limit[r, c0:c1]
@@ -94,14 +108,14 @@ def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed,
             last -= 1
         if first == last:
             continue
-        for s in range(kind.shape[0]):
-            a, b = max(left[s, r], c0 + first), min(right[s, r], c0 + last)
+        best_row, owner_row = best[i], owner[i]
+        for s in range(shapes.kind.shape[0]):
+            a, b = max(region.left[s, r], c0 + first), min(region.right[s, r], c0 + last)
             if a < b:
-                _shape_row(kind[s], size[s], R_CS[s], p_CS[s], s, line[a - c0 : b - c0], x[a:b], y[r],
-                           best[i, a - c0 : b - c0], owner[i, a - c0 : b - c0])  # fmt: skip
+                near = slice(a - c0, b - c0)
+                _shape_row(shapes, s, line[near], pinhole.x[a:b], pinhole.y[r], best_row[near], owner_row[near])
         weak_row = weak[i + BORDER, BORDER : BORDER + cols]
         strong_row = strong[i + BORDER, BORDER : BORDER + cols]
-        best_row = best[i]
         for j in range(first, last):
             scale = line[j] * per_z
             scale = scale * scale
@@ -109,4 +123,6 @@ def distances(z, limit, x, y, kind, size, R_CS, p_CS, left, right, region, seed,
             ok = line[j] > zero
             weak_row[j] = ok & (best_row[j] > grow * scale)
             strong_row[j] = ok & (best_row[j] > seed * scale)
-    return best, owner, weak, strong
+            best_row[j] = best_row[j] if ok else infinite
+            owner_row[j] = owner_row[j] if ok else none
+    return RobotDistance(best, owner, weak, strong)

@@ -1,13 +1,24 @@
-"""Which readings near the robot are the person's: the compiled passes over masks, see `distance_kernels`."""
+"""Which readings near the robot are the person's: the compiled passes over masks, see `distances`."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.perception.segmentation.distances import BORDER
 
 SUPPORT = 2  # pixels; the support window is 5 × 5
+
+
+class Readings(NamedTuple):
+    """The person's readings near the robot, in C."""
+
+    point: NDArray[np.float64]  # (k, 3) m
+    distance: NDArray[np.float64]  # (k,) m, from the robot
+    owner: NDArray[np.int64]  # (k,) nearest shape
 
 
 @njit(cache=True)
@@ -97,15 +108,15 @@ def _box(mask):
 
 
 @njit(cache=True)
-def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least, component):
-    """Return the person's pixels, and first and last row and column (excluded) of the mask between which they all lie.
-
-    They are near a strong one, supported by their neighbours, and in a large component.
+def human_mask(z, near_robot, region, tuning):
+    """Return the person's pixels: those near a strong one, supported by their neighbours, and in a large component.
 
     A pixel is supported by those in its window that are near a strong one too, at a depth that differs by less than
-    `step` (m) times max((z / z_ref)², least). The mixed readings at the edge of an arm before the robot have no such
-    neighbours. Beyond `reach` (m) from the robot no support is needed.
+    `support_step` (m) times max((z / scale_depth)², least_scale). The mixed readings at the edge of an arm before the
+    robot have no such neighbours. Beyond `reach` (m) from the robot no support is needed.
     """
+    best, _, weak, strong = near_robot
+    step, z_ref, least = tuning.support_step, tuning.scale_depth, tuning.least_scale
     rows, cols = weak.shape
     human = np.zeros((rows, cols), np.uint8)
     top, bottom, first, last = _box(strong)
@@ -113,7 +124,7 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
     top, first = max(top - 2 * BORDER, 0), max(first - 2 * BORDER, 0)
     bottom, last = min(bottom + 2 * BORDER + 1, rows), min(last + 2 * BORDER + 1, cols)
     if bottom - top <= 2 * BORDER:
-        return human, (0, 0, 0, 0)
+        return human
     near = _window_sum(strong[top:bottom, first:last], BORDER)
     height, width = near.shape
     for r in range(height):
@@ -121,13 +132,13 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
         for c in range(width):
             out[c] = a[c] & (out[c] > 0)
     found = human[top:bottom, first:last]
-    r0, c0 = region[0] + top - BORDER, region[2] + first - BORDER
+    r0, c0 = region.r0 + top - BORDER, region.c0 + first - BORDER
     for r in range(BORDER, height - BORDER):
         row, depths, line = near[r], z[r + r0], best[top + r - BORDER]
         for c in range(BORDER, width - BORDER):
             if not row[c]:
                 continue
-            if line[first + c - BORDER] > reach:
+            if line[first + c - BORDER] > tuning.reach:
                 found[r, c] = 1
                 continue
             depth = depths[c + c0]
@@ -137,43 +148,31 @@ def human_mask(z, best, weak, strong, region, reach, support, step, z_ref, least
                 for j in range(c - SUPPORT, c + SUPPORT + 1):
                     if near[i, j]:
                         count += abs(z[i + r0, j + c0] - depth) < tolerance
-            found[r, c] = count >= support
-    _drop_small(found, component)
-    return human, (top + BORDER, bottom - BORDER, first + BORDER, last - BORDER)
+            found[r, c] = count >= tuning.support
+    _drop_small(found, tuning.component)
+    return human
+
+
+def person_readings(z, pinhole, near_robot, human, region, reach):
+    """Return the `Readings` of the person's pixels, as `human_mask` gives them, within `reach` (m) of the robot."""
+    near = (human[BORDER:-BORDER, BORDER:-BORDER] > 0) & (near_robot.best < reach)
+    i, j = np.divmod(np.flatnonzero(near), max(near.shape[1], 1))
+    row, column = i + region.r0, j + region.c0
+    depth = z[row, column]
+    point = np.column_stack([pinhole.x[column] * depth, pinhole.y[row] * depth, depth])
+    return Readings(point.astype(float), near_robot.best[i, j].astype(float), near_robot.owner[i, j].astype(np.int64))
 
 
 @njit(cache=True)
-def person_readings(z, x, y, best, owner, human, region, box, reach):
-    """Return points (k, 3) in C, distances (k,) and nearest shapes (k,) of the person's pixels within `reach` (m)."""
-    top, bottom, first, last = box
-    count = 0
-    for i in range(top, bottom):
-        line, near = human[i], best[i - BORDER]
-        for j in range(first, last):
-            count += line[j] > 0 and near[j - BORDER] < reach
-    point, distance, shape = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
-    k = 0
-    for i in range(top, bottom):
-        line, near, r = human[i], best[i - BORDER], region[0] + i - BORDER
-        for j in range(first, last):
-            if line[j] > 0 and near[j - BORDER] < reach:
-                c = region[2] + j - BORDER
-                depth = z[r, c]
-                point[k, 0], point[k, 1], point[k, 2] = x[c] * depth, y[r] * depth, depth
-                distance[k], shape[k] = near[j - BORDER], owner[i - BORDER, j - BORDER]
-                k += 1
-    return point, distance, shape
-
-
-@njit(cache=True)
-def human_points(z, limit, x, y, best, human, region, reach, stride):
-    """Return the person's points (k, 3) in C (m), at every `stride`-th row and column of the whole image.
+def human_points(z, limit, pinhole, best, human, region, tuning):
+    """Return the person's points (k, 3) in C (m), at every `points_stride`-th row and column of the whole image.
 
     Within `reach` (m) of the robot they are those of `human`; elsewhere, foreground with five or more of its eight
     neighbours within 5 cm in depth.
     """
     rows, cols = z.shape
-    r0, r1, c0, c1 = region
+    r0, r1, c0, c1 = region.r0, region.r1, region.c0, region.c1
+    reach, stride = tuning.reach, tuning.points_stride
     out = np.empty((((rows + stride - 1) // stride) * ((cols + stride - 1) // stride), 3))
     count = 0
     for r in range(0, rows, stride):
@@ -190,6 +189,6 @@ def human_points(z, limit, x, y, best, human, region, reach, stride):
                         alike += abs(z[i, j] - depth) < 0.05
                 taken = alike >= 5
             if taken:
-                out[count, 0], out[count, 1], out[count, 2] = x[c] * depth, y[r] * depth, depth
+                out[count, 0], out[count, 1], out[count, 2] = pinhole.x[c] * depth, pinhole.y[r] * depth, depth
                 count += 1
     return out[:count].copy()

@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 
 
-@njit(cache=True)
-def row_intervals(radius, half, axis, R_CS, p_CS, reach, fx, fy, cx, cy, rows, cols):
-    """Return, for each shape and row, the columns whose rays pass within `reach` (m) of it: left, right (s, rows).
+class Region(NamedTuple):
+    """Where rays pass near a robot: the columns of each shape and row, and the rectangle around all of them."""
 
-    Each shape's bounding capsule is covered by spheres, and a sphere's silhouette in a row is exact.
+    left: NDArray[np.int64]  # (s, rows) first column
+    right: NDArray[np.int64]  # (s, rows) last one, not included
+    r0: int  # first row and last one, not included; then the columns
+    r1: int
+    c0: int
+    c1: int
+
+
+@njit(cache=True)
+def region_near(shapes, bounds, reach, pinhole):
+    """Return the `Region` whose rays pass within `reach` (m) of shapes in C.
+
+    Each shape's bounding capsule (`bounding_capsules`) is covered by spheres, and a sphere's silhouette in a row is
+    exact.
     """
+    radius, half, axis = bounds
+    R_CS, p_CS = shapes.R, shapes.p
+    fx, fy, cx, cy = pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy
+    rows, cols = pinhole.y.shape[0], pinhole.x.shape[0]
     count = radius.shape[0]
     left = np.full((count, rows), cols, np.int64)
     right = np.zeros((count, rows), np.int64)
@@ -45,33 +64,28 @@ def row_intervals(radius, half, axis, R_CS, p_CS, reach, fx, fy, cx, cy, rows, c
                 last = int(np.ceil((x * m + root) / A * fx + cx - 0.5)) + 1
                 left[s, r] = min(left[s, r], max(first, 0))
                 right[s, r] = max(right[s, r], min(last, cols))
-    return left, right
-
-
-@njit(cache=True)
-def region_of(left, right):
-    """Return first row, last row, first column and last column (last ones not included) of all intervals."""
-    rows = left.shape[1]
-    r0, r1, c0, c1 = rows, 0, np.int64(1 << 30), np.int64(0)
-    for s in range(left.shape[0]):
+    r0, r1, c0, c1 = rows, 0, cols, 0
+    for s in range(count):
         for r in range(rows):
             if left[s, r] < right[s, r]:
                 r0, r1 = min(r0, r), max(r1, r + 1)
                 c0, c1 = min(c0, left[s, r]), max(c1, right[s, r])
-    return (r0, r1, c0, c1) if r0 < r1 else (0, 0, 0, 0)
+    return Region(left, right, r0, r1, c0, c1) if r0 < r1 else Region(left, right, 0, 0, 0, 0)
 
 
 @njit(cache=True)
-def share_seen(z, half, axis, R_CS, p_CS, fx, fy, cx, cy):
+def share_seen(z, shapes, bounds, pinhole):
     """Return the share of the points on the shapes' axes, inside the image, at whose pixel anything is seen."""
+    _, half, axis = bounds
     rows, cols = z.shape
     inside = seen = 0
     for s in range(half.shape[0]):
         for k in range(-3, 4):
-            p = p_CS[s] + (k / 3.0) * half[s] * R_CS[s, :, axis[s]]
+            p = shapes.p[s] + (k / 3.0) * half[s] * shapes.R[s, :, axis[s]]
             if p[2] <= 0.0:
                 continue
-            c, r = int(np.floor(p[0] / p[2] * fx + cx)), int(np.floor(p[1] / p[2] * fy + cy))
+            c = int(np.floor(p[0] / p[2] * pinhole.fx + pinhole.cx))
+            r = int(np.floor(p[1] / p[2] * pinhole.fy + pinhole.cy))
             if 0 <= r < rows and 0 <= c < cols:
                 inside += 1
                 seen += 0.0 < z[r, c] < np.inf

@@ -10,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteStateIndex, EventStatus, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.perception.wrench.tool import ToolParameters, sensor_mount, tool_wrench
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -23,7 +23,7 @@ class WrenchStatus(IntEnum):
     """What is known of the wrench, also published as a number."""
 
     OK = 0
-    TARING = 1  # the bias is being taken: the wrench is told as zero
+    TARING = 1  # the bias is being taken, or the first sample for it awaited: the wrench is told as zero
     BAD_INPUT = 2  # an input is not finite: the wrench is not known, NaN
 
 
@@ -44,8 +44,7 @@ class WristWrenchParameters:
     def __post_init__(self) -> None:
         require_positive(self, "period")
         require_non_negative(self, "tare_samples")
-        if np.shape(self.tip_point) != (3,) or not np.all(np.isfinite(self.tip_point)):
-            raise ParameterError("tip_point", f"needs three finite numbers, got {self.tip_point}")
+        require_vector(self, 3, "tip_point")
 
 
 class _Wrench(NamedTuple):
@@ -153,13 +152,14 @@ class WristWrenchEstimator(LeafSystem):
         return reading - tool_wrench(self.tool, R_WS, self._g_W, rates), R_WS
 
     def _evaluate(self, context: Context) -> _Wrench:
-        if self._taken(context, self._left)[0] > 0.0:
-            return _Wrench(np.zeros(6), np.zeros(6), WrenchStatus.TARING)
         w, R_WS = self._unloaded(context)
+        left = self._taken(context, self._left)[0]
+        if not np.isfinite(w).all() and not 0.0 < left == self._params.tare_samples:
+            return _Wrench(w, w, WrenchStatus.BAD_INPUT)
+        if left > 0.0:
+            return _Wrench(np.zeros(6), np.zeros(6), WrenchStatus.TARING)
         w = w - self._taken(context, self._bias)
         at_tip = np.concatenate([R_WS @ (w[:3] - np.cross(self._p_ST, w[3:])), R_WS @ w[3:]])
-        if not np.isfinite(at_tip).all():
-            return _Wrench(np.full(6, np.nan), np.full(6, np.nan), WrenchStatus.BAD_INPUT)
         return _Wrench(at_tip, w, WrenchStatus.OK)
 
     def _take_bias(self, context: Context, state: State) -> EventStatus:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
-from saphari_drake.errors import ParameterError, UnknownNameError
-from saphari_drake.parameters import require_non_negative
+from saphari_drake.errors import UnknownNameError
+from saphari_drake.parameters import require_non_negative, require_vector
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -28,9 +28,8 @@ class ToolParameters:
 
     def __post_init__(self) -> None:
         require_non_negative(self, "mass")
-        for name, size in {"com": 3, "inertia": 6}.items():
-            if np.shape(getattr(self, name)) != (size,) or not np.all(np.isfinite(getattr(self, name))):
-                raise ParameterError(name, f"needs {size} finite numbers, got {getattr(self, name)}")
+        require_vector(self, 3, "com")
+        require_vector(self, 6, "inertia")
 
 
 def tool_wrench(tool: ToolParameters, R_WS: Array, g_W: Array, rates_W: Array | None = None) -> Array:

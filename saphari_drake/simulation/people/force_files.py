@@ -1,4 +1,4 @@
-"""Readers of the files that `force_recording` accepts; every defect is told with the file and the place in it."""
+"""Readers of the files that `force_recording` accepts: arrays by name; every defect is told with its place."""
 
 from __future__ import annotations
 
@@ -15,73 +15,75 @@ from numpy.typing import NDArray
 from saphari_drake.errors import SensorError
 
 Array = NDArray[np.float64]
-
 COLUMNS = ("time", "fx", "fy", "fz")
 
 
-def file_kind(file: Path) -> str:
-    """Return the suffix of a file that exists and is one of those read."""
+def runs_of(file: Path) -> list[Mapping[str, Any]]:
+    """Return the runs of a file, each as arrays by name; "rows" names the rows of a text file, such as "line 3".
+
+    - CSV: "time" (T,), "force" (T, 3) and "rows".
+    - NPZ: the arrays of the file.
+    - MAT: the elements of the first struct array that has a field F, or the file's own arrays.
+    """
     if not file.is_file():
         raise SensorError(f"{file}: no such file")
-    kind = file.suffix.lower()
-    if kind not in (".csv", ".npz", ".mat"):
+    readers = {".csv": _csv_runs, ".npz": _npz_runs, ".mat": _mat_runs}
+    if file.suffix.lower() not in readers:
         raise SensorError(f"{file}: not a force recording; .csv, .npz and .mat are read")
-    return kind
+    return readers[file.suffix.lower()](file)
 
 
-def read_csv(file: Path) -> tuple[Array, Array, list[str]]:
-    """Return times (T,), forces (T, 3) and the name of each row, such as "line 3"."""
+def text_rows(file: Path) -> list[tuple[str, str]]:
+    """Return the lines of a text file with their names, such as "line 3"; without comments (#) and empty ones."""
     text = file.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    numbered = [(i, line) for i, line in enumerate(text, 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not numbered:
+    named = [(f"line {number}", line.split("#", 1)[0]) for number, line in enumerate(text, 1)]
+    return [(name, line) for name, line in named if line.strip()]
+
+
+def _csv_runs(file: Path) -> list[Mapping[str, Any]]:
+    lines = text_rows(file)
+    if not lines:
         raise SensorError(f"{file}: is empty")
-    delimiter = max(",;\t", key=numbered[0][1].count)
-    rows = list(csv.reader([line for _, line in numbered], delimiter=delimiter))
+    delimiter = max(",;\t", key=lines[0][1].count)
+    rows = list(csv.reader([line for _, line in lines], delimiter=delimiter))
     names = [re.split(r"[\[(]", cell)[0].strip().lower() for cell in rows[0]]
-    columns, width, first = [0, 1, 2, 3], 4, 0
+    columns, width, first, wanted = [0, 1, 2, 3], 4, 0, ", ".join(COLUMNS)
     if not all(_is_number(cell) for cell in rows[0]):
         missing = [name for name in COLUMNS if name not in names]
         if missing:
             raise SensorError(f"{file}: no column {', '.join(missing)}; there are: {', '.join(names)}")
-        columns, width, first = [names.index(name) for name in COLUMNS], len(names), 1
-    labels = [f"line {number}" for number, _ in numbered[first:]]
+        columns, width, first, wanted = [names.index(name) for name in COLUMNS], len(names), 1, "as the header"
+    labels, data = [label for label, _ in lines[first:]], []
     if not labels:
         raise SensorError(f"{file}: has a header and no rows")
-    data = np.empty((len(labels), 4))
-    for k, (label, row) in enumerate(zip(labels, rows[first:])):
+    for label, row in zip(labels, rows[first:]):
         if len(row) != width:
-            wanted = "time, fx, fy, fz" if first == 0 else "as the header"
             raise SensorError(f"{file}: {label} has {len(row)} columns, {width} are needed ({wanted})")
-        for i, column in enumerate(columns):
-            if not _is_number(row[column]):
-                raise SensorError(f"{file}: {label}: '{row[column].strip()}' is not a number")
-            data[k, i] = float(row[column]) if row[column].strip() else np.nan
-    return data[:, 0], data[:, 1:], labels
+        for cell in (row[column] for column in columns):
+            if not _is_number(cell):
+                raise SensorError(f"{file}: {label}: '{cell.strip()}' is not a number")
+            data.append(float(cell.strip() or "nan"))
+    time, *force = np.array(data).reshape(-1, 4).T
+    return [{"time": time, "force": np.array(force).T, "rows": labels}]
 
 
 def _is_number(cell: str) -> bool:
     """Whether a cell is a number or empty (a missing reading)."""
     try:
-        return not cell.strip() or float(cell) is not None
+        return float(cell.strip() or "nan") is not None
     except ValueError:
         return False
 
 
-def read_npz(file: Path) -> tuple[Array, Array]:
-    """Return times (T,) and forces (T, 3)."""
+def _npz_runs(file: Path) -> list[Mapping[str, Any]]:
     try:
         with np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+            return [{name: archive[name] for name in archive.files}]
     except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         raise SensorError(f"{file}: not an NPZ file ({error})") from error
-    missing = [name for name in ("time", "force") if name not in arrays]
-    if missing:
-        raise SensorError(f"{file}: no array {', '.join(missing)}; there are: {', '.join(arrays) or 'none'}")
-    return numbers(file, "time", arrays["time"]).reshape(-1), by_rows(file, "force", arrays["force"])
 
 
-def mat_runs(file: Path) -> list[Mapping[str, Any]]:
-    """Return the elements of the first struct array that has a field F, or the file's own arrays as one run."""
+def _mat_runs(file: Path) -> list[Mapping[str, Any]]:
     try:
         from scipy.io import loadmat
         from scipy.io.matlab import MatReadError
@@ -93,7 +95,7 @@ def mat_runs(file: Path) -> list[Mapping[str, Any]]:
         raise SensorError(f"{file}: not a MATLAB file that can be read ({error})") from error
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     for value in variables.values():
-        names = getattr(value.dtype, "names", None) or ()
+        names = value.dtype.names or ()
         if "F" in names:
             if value.size == 0:
                 raise SensorError(f"{file}: the struct array is empty")
@@ -102,23 +104,3 @@ def mat_runs(file: Path) -> list[Mapping[str, Any]]:
         return [variables]
     found = [f"{n} ({', '.join(v.dtype.names)})" if v.dtype.names else n for n, v in variables.items()]
     raise SensorError(f"{file}: no struct array with a field F; there are: {', '.join(found) or 'none'}")
-
-
-def numbers(file: Path, name: str, value: Any) -> Array:
-    """Return a value of the file as an array of numbers."""
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise SensorError(f"{file}: {name} does not hold numbers") from error
-
-
-def by_rows(file: Path, name: str, value: Any) -> Array:
-    """Return a (T, 3) array from (3, T) or (T, 3); a square one is taken as (3, T) for MATLAB's F, pos and vel."""
-    array = numbers(file, name, value)
-    if array.size == 0:
-        raise SensorError(f"{file}: {name} is empty")
-    if array.ndim != 2 or 3 not in array.shape:
-        raise SensorError(f"{file}: {name} has shape {array.shape}, three components are needed")
-    if array.shape == (3, 3):
-        return array if name == "force" else array.T
-    return array if array.shape[1] == 3 else array.T

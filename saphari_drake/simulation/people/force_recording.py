@@ -1,17 +1,16 @@
 """Recordings of a force over time, read from the user's CSV, NPZ or MATLAB file, to be played into a simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.errors import ParameterError, SensorError
-from saphari_drake.simulation.people.force_files import by_rows, file_kind, mat_runs, numbers, read_csv, read_npz
+from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.simulation.people.force_files import runs_of
 
 Array = NDArray[np.float64]
 
@@ -39,18 +38,45 @@ class ForceRecording:
         """Time from the first row to the last (s)."""
         return float(self.time[-1])
 
-    def resample(self, time: ArrayLike, *, hold: bool = False) -> Array:
-        """Return the (N, 3) force at given times (s), zero outside the recording.
+    def at(self, time: float) -> Array:
+        """Return the force (3,) at a time (s), interpolated; outside the recording the first or the last one."""
+        return np.array([np.interp(time, self.time, column) for column in self.force.T])
 
-        Between rows it is interpolated, or held from the row before if `hold`.
+    def scaled(self, peak: float, centred: bool = False) -> tuple[Self, float]:
+        """Return the recording, its mean taken out if `centred`, with a largest force of `peak` (N), and the factor.
+
+        Raises
+        ------
+        SensorError
+            If it holds no force.
         """
-        at = np.asarray(time, dtype=float).reshape(-1)
-        if hold:
-            rows = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, None)
-            values = self.force[rows]
-        else:
-            values = np.column_stack([np.interp(at, self.time, column) for column in self.force.T])
-        return np.where(((at >= 0.0) & (at <= self.duration))[:, None], values, 0.0)
+        force = self.force - self.force.mean(axis=0) if centred else self.force
+        largest = float(np.max(np.linalg.norm(force, axis=1)))
+        if largest <= 0.0:
+            raise SensorError(f"{self.source}: holds no force")
+        return replace(self, force=force * (peak / largest)), peak / largest
+
+
+@dataclass
+class RecordingParameters:
+    """Which recorded force is played, and how large."""
+
+    # File with the recording: CSV, NPZ or MAT; empty: the synthetic one that comes with the script.
+    file: str = ""
+    # Which run of a file that holds several.
+    index: int = 0
+    # 1/s; sample rate, if the file does not tell it (0: read it from the file).
+    rate: float = 0.0
+    # N; the recording is scaled so that its largest force has this size. A.
+    peak: float = 15.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "peak")
+        require_non_negative(self, "index", "rate")
+
+    def read(self, synthetic: Path) -> ForceRecording:
+        """Return the recording; `synthetic` is played if no file is named."""
+        return read_force_recording(self.file or synthetic, index=self.index, rate=self.rate or None)
 
 
 def read_force_recording(
@@ -60,9 +86,9 @@ def read_force_recording(
 
     - ``.csv``: columns time, fx, fy, fz (s, N), by name if there is a header (others are ignored), else these four
       in this order; separated by comma, semicolon or tab.
-    - ``.npz``: arrays ``time`` (T,) and ``force`` (T, 3).
-    - ``.mat``: a struct array with ``F`` (3, T) or (T, 3) in N. Times come from ``time`` (s), else from `rate`, else
-      from ``pos`` (m) and ``vel`` (m/s): the uniform period with which integrated velocity fits position best.
+    - ``.npz``: array ``force`` or ``F``; ``.mat``: a struct array with ``F``; (3, T) or (T, 3) in N. Times come from
+      ``time`` (s), else from `rate`, else from ``pos`` (m) and ``vel`` (m/s): the uniform period with which integrated
+      velocity fits position best.
 
     Rows without a force (NaN) are interpolated over at most `max_gap`; at either end as many are cut off.
 
@@ -86,26 +112,17 @@ def read_force_recording(
         raise ParameterError("rate", f"must be positive and finite, got {rate}")
     if not (np.isfinite(max_gap) and max_gap >= 0.0):
         raise ParameterError("max_gap", f"must not be negative, got {max_gap}")
-    kind = file_kind(file)
-    if kind == ".mat":
-        runs = mat_runs(file)
-        if not 0 <= index < len(runs):
-            raise SensorError(f"{file}: no run {index}; it has {len(runs)}, counted from 0")
-        time, force, how = _from_struct(file, runs[index], rate)
-        return _clean(file, time, force, f"{file.name}, run {index}, {how}", max_gap)
-    if index != 0:
-        raise SensorError(f"{file}: no run {index}; it has 1, counted from 0")
-    if kind == ".npz":
-        time, force = read_npz(file)
-        return _clean(file, time, force, file.name, max_gap)
-    time, force, lines = read_csv(file)
-    return _clean(file, time, force, file.name, max_gap, lines)
+    runs = runs_of(file)
+    if not 0 <= index < len(runs):
+        raise SensorError(f"{file}: no run {index}; it has {len(runs)}, counted from 0")
+    time, force, how = _timed(file, runs[index], rate)
+    source = f"{file.name}, run {index}, {how}" if "F" in runs[index] else file.name
+    return _clean(file, time, force, source, max_gap, runs[index].get("rows"))
 
 
 def count_runs(path: str | Path) -> int:
     """Return how many runs a recording holds."""
-    file = Path(path)
-    return len(mat_runs(file)) if file_kind(file) == ".mat" else 1
+    return len(runs_of(Path(path)))
 
 
 def fitted_period(position: ArrayLike, velocity: ArrayLike) -> float:
@@ -129,15 +146,19 @@ def fitted_period(position: ArrayLike, velocity: ArrayLike) -> float:
     return float(np.sum(path * p)) / energy if energy > 0.0 else 0.0
 
 
-def _from_struct(file: Path, run: Mapping[str, Any], rate: float | None) -> tuple[Array, Array, str]:
-    force = by_rows(file, "F", run["F"])
+def _timed(file: Path, run: Mapping[str, Any], rate: float | None) -> tuple[Array, Array, str]:
+    """Return times (T,) and forces (T, 3) of a run, and where the times come from."""
+    name = "F" if "F" in run else "force"
+    if name not in run:
+        raise SensorError(f"{file}: no array {name}; there are: {', '.join(run) or 'none'}")
+    force = _by_rows(file, name, run[name])
     if "time" in run:
-        return numbers(file, "time", run["time"]).reshape(-1), force, "its own times"
+        return _numbers(file, "time", run["time"]).reshape(-1), force, "its own times"
     if rate is not None:
         return np.arange(len(force), dtype=np.float64) / rate, force, f"rate {rate:g} Hz given"
     if "pos" not in run or "vel" not in run:
-        raise SensorError(f"{file}: no field time, nor pos and vel to tell the rate; give the rate")
-    pos, vel = by_rows(file, "pos", run["pos"]), by_rows(file, "vel", run["vel"])
+        raise SensorError(f"{file}: no time, nor pos and vel to tell the rate; give the rate")
+    pos, vel = _by_rows(file, "pos", run["pos"]), _by_rows(file, "vel", run["vel"])
     if not len(pos) == len(vel) == len(force):
         raise SensorError(f"{file}: F, pos and vel have {len(force)}, {len(pos)} and {len(vel)} rows")
     period = fitted_period(pos, vel)
@@ -146,8 +167,26 @@ def _from_struct(file: Path, run: Mapping[str, Any], rate: float | None) -> tupl
     return period * np.arange(len(force), dtype=float), force, f"rate {1.0 / period:.0f} Hz fitted to pos and vel"
 
 
+def _numbers(file: Path, name: str, value: Any) -> Array:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise SensorError(f"{file}: {name} does not hold numbers") from error
+
+
+def _by_rows(file: Path, name: str, value: Any) -> Array:
+    """Return a (T, 3) array from (3, T) or (T, 3); a square one is taken as (3, T) for MATLAB's F, pos and vel."""
+    array = _numbers(file, name, value)
+    if array.size == 0:
+        raise SensorError(f"{file}: {name} is empty")
+    if array.ndim != 2 or 3 not in array.shape:
+        raise SensorError(f"{file}: {name} has shape {array.shape}, three components are needed")
+    by_rows = array.shape[1] == 3 and (array.shape[0] != 3 or name == "force")
+    return array if by_rows else array.T
+
+
 def _clean(
-    file: Path, time: Array, force: Array, source: str, max_gap: float, labels: Sequence[str] | None = None
+    file: Path, time: Array, force: Array, source: str, max_gap: float, labels: Sequence[str] | None
 ) -> ForceRecording:
     """Check times and repair short gaps; rows are named by `labels`, else by their number from 1."""
 

@@ -12,8 +12,8 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.math.tree import point_kinematics, tree_kinematics
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.math.curves import quintic
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache
 
@@ -37,13 +37,12 @@ class Pull:
         require_positive(self, "duration", "ramp")
         if 2.0 * self.ramp > self.duration:
             raise ParameterError("ramp", f"must not exceed half the duration, {0.5 * self.duration} s, got {self.ramp}")
-        if np.shape(self.size) != (3,) or not np.all(np.isfinite(self.size)):
-            raise ParameterError("size", f"needs three finite numbers, got {self.size}")
+        require_vector(self, 3, "size")
 
     def share(self, time: float) -> float:
         """Return how much of the pull acts at a time (s), from 0 to 1, with two continuous derivatives."""
-        s = min(max(min(time - self.start, self.start + self.duration - time) / self.ramp, 0.0), 1.0)
-        return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        s: float = quintic(min(time - self.start, self.start + self.duration - time) / self.ramp)[0]
+        return s
 
 
 @dataclass
@@ -187,12 +186,10 @@ def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held
     time : float
         In s.
     """
-    t, x = robot.tree, np.asarray(state, dtype=float)
-    q, v = x[: robot.n].copy(), x[robot.n :].copy()
-    R_WL, p_WL, S, V, A = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, v)
+    at = robot.kinematics(*np.split(np.asarray(state, dtype=float), [robot.n]))
     rows = np.zeros((len(grips), 9))
     for row, grip, anchor in zip(rows, grips, held):
-        p, velocity, _, _ = point_kinematics(t.parent, S, V, A, R_WL, p_WL, grip.link, np.asarray(grip.p_LC, float))
+        p, velocity, _, _ = at.point(grip.link, np.asarray(grip.p_LC, float))
         hand = grip.hand
         if grip.profile is not None:
             force = np.asarray(grip.profile(time), dtype=float)

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstaclePoints, ObstacleStatus
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.simulation.people.motion_files import HumanRecording, read_human_motion, synthetic_recording
 from saphari_drake.simulation.people.motion_repair import JointState, RepairedMotion, repair_motion
-from saphari_drake.systems import declare_cache
+from saphari_drake.systems import declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -54,10 +54,7 @@ class HumanMotionParameters:
     def __post_init__(self) -> None:
         require_positive(self, "rate", "scale", "max_speed", "radius")
         require_non_negative(self, "max_gap", "hold_time", "smoothing", "hand", "hand_radius", "between")
-        for name, size in (("position", 3), ("rpy_deg", 3), ("radius", 3)):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != (size,) or not np.all(np.isfinite(value)):
-                raise ParameterError(name, f"needs {size} finite numbers, got {getattr(self, name)}")
+        require_vector(self, 3, "position", "rpy_deg", "radius")
         if not np.isfinite(self.start):
             raise ParameterError("start", f"must be finite, got {self.start}")
 
@@ -218,8 +215,4 @@ class HumanMotion(LeafSystem):
             calc=lambda context, output: output.set_value(entry.Eval(context)),
             prerequisites_of_calc={entry.ticket()},
         )
-
-        def write_status(context: Context, output: BasicVector) -> None:
-            output.SetAtIndex(0, float(entry.Eval(context).status))
-
-        self.DeclareVectorOutputPort("status", BasicVector(1), write_status, prerequisites_of_calc={entry.ticket()})
+        declare_readouts(self, entry, {"status": (1, lambda points: [float(points.status)])})

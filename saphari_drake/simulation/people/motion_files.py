@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import SensorError
+from saphari_drake.simulation.people.force_files import text_rows
 
 Array = NDArray[np.float64]
 
@@ -48,17 +49,15 @@ def read_human_motion(path: str | Path) -> HumanRecording:
     if not file.is_file():
         raise SensorError(f"{file}: no such file")
     rows = []
-    for number, line in enumerate(file.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
-        cells = line.split("#", 1)[0].replace(",", " ").split()
-        if not cells:
-            continue
+    for label, line in text_rows(file):
+        cells = line.replace(",", " ").split()
         if len(cells) != 3 * len(JOINTS):
             wanted = f"{3 * len(JOINTS)} are needed (x, y, z of {', '.join(JOINTS)})"
-            raise SensorError(f"{file}: line {number} has {len(cells)} columns, {wanted}")
+            raise SensorError(f"{file}: {label} has {len(cells)} columns, {wanted}")
         try:
             rows.append([float(cell) for cell in cells])
         except ValueError as error:
-            raise SensorError(f"{file}: line {number}: {error}") from error
+            raise SensorError(f"{file}: {label}: {error}") from error
     if not rows:
         raise SensorError(f"{file}: holds no frame")
     points = np.array(rows).reshape(-1, len(JOINTS), 3)

@@ -11,13 +11,14 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ModelError, ParameterError
+from saphari_drake.math.curves import quintic
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.messages import Immutable
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 Array = NDArray[np.float64]
 
@@ -50,13 +51,11 @@ class Push:
     def __post_init__(self) -> None:
         require_positive(self, "force", "hold")
         require_non_negative(self, "start", "depth", "speed", "stiffness", "damping")
-        for name in ("aim", "direction"):
-            if np.shape(getattr(self, name)) != (3,):
-                raise ParameterError(name, f"needs three numbers, got {getattr(self, name)}")
+        require_vector(self, 3, "aim", "direction")
         if np.linalg.norm(self.direction) < 1e-9:
             raise ParameterError("direction", "must not be zero")
-        if len(self.finger) not in (0, 3):
-            raise ParameterError("finger", f"needs no or three numbers, got {self.finger}")
+        if len(self.finger):
+            require_vector(self, 3, "finger")
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def find_target(robot: RobotModel, q: ArrayLike, push: Push) -> Target:
     R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
     everything = np.ones(shapes.count, dtype=bool)
     direction = np.asarray(push.direction) / np.linalg.norm(push.direction)
-    aim = terms.p_WL[link] + terms.R_WL[link] @ np.asarray(push.aim)
+    aim = terms.position(link, np.asarray(push.aim))
     p = aim - 1.0 * direction
     for _ in range(200):
         shape, distance, p_WN, n_W = nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, p)
@@ -107,11 +106,6 @@ class _Memory(Immutable):
     target: Target
     previous: Target | None = None
     p_release: Array | None = None
-
-
-def _minimum_jerk(s: float) -> float:
-    s = min(max(s, 0.0), 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 class HumanHand(LeafSystem):
@@ -212,14 +206,14 @@ class HumanHand(LeafSystem):
         standoff = self._standoff(target)
         elapsed = time - push.start
         if memory.p_release is not None:
-            left = _minimum_jerk((elapsed - push.hold) / self.RETREAT_TIME)
+            left = quintic((elapsed - push.hold) / self.RETREAT_TIME)[0]
             return memory.p_release + left * (standoff - memory.p_release), target.R_WH
         if elapsed >= 0.0:
             travel = self.STANDOFF + (push.depth or self.STANDOFF)
             return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travel), target.R_WH
         if memory.previous is None:
             return standoff, target.R_WH
-        s = _minimum_jerk(1.0 + elapsed / self.TRAVEL_TIME)
+        s = quintic(1.0 + elapsed / self.TRAVEL_TIME)[0]
         start = self._standoff(memory.previous)
         outward = 0.5 * (start + standoff) - np.array([0.0, 0.0, 0.6])
         outward /= max(float(np.linalg.norm(outward)), 1e-6)

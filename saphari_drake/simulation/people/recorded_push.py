@@ -1,31 +1,22 @@
 """A recorded force as the push of a hand that can press, but not pull."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saphari_drake.errors import SensorError
 from saphari_drake.math.rotations import rotation_between
-from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.simulation.people.force_recording import ForceRecording
+from saphari_drake.parameters import require_positive
+from saphari_drake.simulation.people.force_recording import ForceRecording, RecordingParameters
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class RecordedPushParameters:
+class RecordedPushParameters(RecordingParameters):
     """How a recording becomes a push. All A."""
 
-    # File with the recording: CSV, NPZ or MAT; empty: the synthetic one that comes with the script.
-    file: str = ""
-    # Which run of a file that holds several.
-    index: int = 0
-    # 1/s; sample rate, if the file does not tell it (0: read it from the file).
-    rate: float = 0.0
-    # N; the recording is scaled so that its largest force has this size.
-    peak: float = 15.0
     # Share of the normal force that the tangential one may reach; must be below the friction of skin on the robot.
     friction_used: float = 0.4
     # N; least normal force.
@@ -35,8 +26,8 @@ class RecordedPushParameters:
     blend: float = 0.3
 
     def __post_init__(self) -> None:
-        require_positive(self, "peak", "friction_used", "least", "lead", "blend")
-        require_non_negative(self, "index", "rate")
+        super().__post_init__()
+        require_positive(self, "friction_used", "least", "lead", "blend")
 
 
 @dataclass(frozen=True)
@@ -73,27 +64,22 @@ def recorded_push(recording: ForceRecording, direction: ArrayLike, params: Recor
     SensorError
         If the recording holds no force.
     """
-    force = np.asarray(recording.force, dtype=float)
-    largest = float(np.max(np.linalg.norm(force, axis=1)))
-    if largest <= 0.0:
-        raise SensorError(f"{recording.source}: holds no force")
-    unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    scaled, scale = recording.scaled(params.peak)
+    force, unit = scaled.force, np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     mean = force.mean(axis=0)
-    axis = mean if np.linalg.norm(mean) > 0.05 * largest else np.linalg.svd(force - mean, full_matrices=False)[2][0]
-    scale = params.peak / largest
-    turned = scale * force @ rotation_between(axis, unit).T
-    normal = turned @ unit
-    tangential = np.linalg.norm(turned - np.outer(normal, unit), axis=1)
+    steady = np.linalg.norm(mean) > 0.05 * params.peak
+    axis = mean if steady else np.linalg.svd(force - mean, full_matrices=False)[2][0]
+    turned = replace(scaled, force=force @ rotation_between(axis, unit).T)
+    normal = turned.force @ unit
+    tangential = np.linalg.norm(turned.force - np.outer(normal, unit), axis=1)
     bias = max(0.0, float(np.max(tangential / params.friction_used + params.least - normal)))
-    time = np.asarray(recording.time, dtype=float) - recording.time[0]
-    end = params.lead + float(time[-1])
+    end = params.lead + turned.duration
 
     def profile(elapsed: float) -> Array | None:
         if elapsed < params.lead:
             return None
         played = elapsed - params.lead
         weight = min(1.0, played / params.blend, max(0.0, (end - elapsed) / params.blend))
-        sample = np.array([np.interp(played, time, column) for column in turned.T])
-        return bias * unit + weight * sample
+        return bias * unit + weight * turned.at(played)
 
     return RecordedPush(profile, bias, scale, params.lead, end)

@@ -33,8 +33,10 @@ class ValueToVector(LeafSystem):
         output_ports:
         - vector
 
-    - `value`: any value, abstract or vector.
-    - `vector`: (`size`,), ``extract(value)``; unit and frame are those of the function.
+    Ports
+    -----
+    value : any value, abstract or vector.
+    vector : `size`, ``extract(value)``; unit and frame are those of the function.
     """
 
     def __init__(self, port: OutputPort, extract: Callable[[Any], ArrayLike], size: int) -> None:

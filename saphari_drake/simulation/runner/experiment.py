@@ -4,54 +4,26 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.simulation.record.files import atomic_path, write_text
-from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.command_line import complain, parser, say
-from saphari_drake.simulation.runner.results import Metric, Outcome, prepare_folder, table, write_outputs
+from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.replay import start_meshcat
 
-__all__ = ["Experiment", "Log", "Metric", "Outcome", "RunOptions", "advance", "main"]
-
 PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-CHUNK = 0.1  # simulated time between two looks at the clock (s)
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """What a run is given beside its scenario.
-
-    Attributes
-    ----------
-    meshcat : Meshcat, optional
-        Live view to publish to.
-    out : path, optional
-        Folder of this case, if files are to be written.
-    """
-
-    meshcat: Meshcat | None = None
-    out: Path | None = None
-
-    @property
-    def realtime_rate(self) -> float:
-        """Rate to aim at: 1 with a live view, otherwise 0 (as fast as possible)."""
-        return 0.0 if self.meshcat is None else 1.0
 
 
 @dataclass(frozen=True)
@@ -96,31 +68,6 @@ class Experiment:
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
 
-def advance(simulator: Simulator, duration: float, label: str = "") -> float:
-    """Advance a simulator by `duration` (s), showing progress on stderr if that is a terminal.
-
-    Returns
-    -------
-    float
-        Wall time it took (s).
-    """
-    start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
-    terminal = sys.stderr.isatty()
-    steps = max(1, math.ceil(duration / CHUNK - 1e-9))
-    try:
-        for step in range(1, steps + 1):
-            simulator.AdvanceTo(start + duration * step / steps)
-            wall, done = time.perf_counter() - wall_start, duration * step / steps
-            if terminal and (wall - shown > 0.1 or step == steps):
-                shown = wall
-                text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
-                print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-    finally:
-        if terminal and shown >= 0.0:
-            print(file=sys.stderr, flush=True)
-    return time.perf_counter() - wall_start
-
-
 def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     """Run an experiment from the command line.
 
@@ -162,7 +109,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat, folder))
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -173,26 +120,20 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
-    if options.out is not None:
-        prepare_folder(options.out, scenario)
+    if folder is not None:
+        prepare_folder(folder, scenario)
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
+    tree = to_tree(scenario)
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
-    if options.out is not None:
-        write_outputs(options.out, outcome, to_tree(scenario))
-        _note_seed(options.out / "metrics.json", scenario.case not in experiment.seedless)
+    if folder is not None:
+        write_outputs(folder, outcome, tree, scenario.case not in experiment.seedless)
     return outcome.passed
-
-
-def _note_seed(path: Path, matters: bool) -> None:
-    """Add to metrics.json whether another seed would give other numbers."""
-    document = json.loads(path.read_text()) | {"seed_matters": matters}
-    write_text(path, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
@@ -216,7 +157,7 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
     scenarios = []
     for case in dict.fromkeys(cases):
         scenario = merged(experiment.scenario_for(case), tree)
-        if options.model is not None and hasattr(scenario, "home"):
+        if options.model is not None and hasattr(scenario, "home") and "home" not in tree:
             scenario.home = []  # the case's posture is that of the case's robot
         scenario = with_assignments(merged(scenario, given), options.set)
         if scenario.case != case:

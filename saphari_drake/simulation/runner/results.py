@@ -140,8 +140,11 @@ def versions() -> dict[str, str]:
     }
 
 
-def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of metrics.json; numbers that are not finite (infinite bounds too) become null."""
+def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool) -> dict[str, Any]:
+    """Return the content of metrics.json; numbers that are not finite (infinite bounds too) become null.
+
+    `seed_matters` tells whether another seed would give other numbers.
+    """
     document = {
         "metrics": {metric.name: metric.value for metric in outcome.metrics},
         "bounds": {metric.name: [metric.low, metric.high] for metric in outcome.metrics},
@@ -151,6 +154,7 @@ def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any]) -> dict[st
         "reported": {metric.name: metric.reported for metric in outcome.metrics},
         "scenario": scenario_tree,
         "versions": versions(),
+        "seed_matters": seed_matters,
     }
     return _finite(document)
 
@@ -171,10 +175,10 @@ def prepare_folder(folder: Path, scenario: Any) -> None:
     write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
 
 
-def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any]) -> None:
+def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool = True) -> None:
     """Write the results of a run: metrics.json, log.npz, figure.png and, if there is one, replay.html."""
     metrics, log, picture, page = (folder / name for name in RESULTS)
-    document = metrics_document(outcome, scenario_tree)
+    document = metrics_document(outcome, scenario_tree, seed_matters)
     write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     outcome.log.save(log)
     figure = outcome.draw()

@@ -23,6 +23,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import SensorError
+from saphari_drake.perception.camera.model import back_projected
 from saphari_drake.perception.camera.open3d_import import import_open3d
 
 Vertices = NDArray[np.float32]
@@ -84,7 +85,7 @@ class RaycastingDepthCamera(LeafSystem):
         R_WC = X_WC.rotation().matrix()
         rays = np.empty((len(y), len(x), 6), dtype=np.float32)
         rays[..., :3] = X_WC.translation()
-        rays[..., 3:] = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1) @ R_WC.T
+        rays[..., 3:] = back_projected(x, y, np.ones((len(y), len(x)))) @ R_WC.T
         self._rays = rays
         self._moving: list[tuple[object, Vertices, Triangles]] = []
         fixed: list[tuple[Vertices, Triangles]] = []

@@ -10,7 +10,6 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout
 from saphari_drake.robots.model import RobotModel
@@ -101,7 +100,7 @@ class SkinSensor(LeafSystem):
         context = plant.CreateDefaultContext()
         for body in plant.GetBodiesWeldedTo(link):
             self._X_LB[int(body.index())] = body.body_frame().CalcPose(context, link.body_frame())
-        _link_pose(robot, layout.link, robot.home)  # compiles
+        robot.kinematics(robot.home)  # compiles
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._contacts = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         forces = Value[list[ExternallyAppliedSpatialForce]]()
@@ -118,7 +117,8 @@ class SkinSensor(LeafSystem):
     def touches(self, context: Context) -> list[Touch]:
         """Return the contacts on the link at this moment, in the link frame."""
         q = self._state.Eval(context)[: self._robot.n]
-        R_WL, p_WL = _link_pose(self._robot, self._layout.link, q)
+        at, link = self._robot.kinematics(q), self._layout.link
+        R_WL, p_WL = at.R_WL[link], at.p_WL[link]
         touches = []
         if self._contacts.HasValue(context):
             results: ContactResults = self._contacts.Eval(context)
@@ -159,9 +159,3 @@ class SkinSensor(LeafSystem):
         state.get_mutable_discrete_state(self._drift).SetFromVector(drift)
         state.get_mutable_discrete_state(self._count).SetFromVector([count + 1.0])
         return EventStatus.Succeeded()
-
-
-def _link_pose(robot: RobotModel, link: int, q: Array) -> tuple[Array, Array]:
-    t = robot.tree
-    R_WL, p_WL, *_ = tree_kinematics(t.parent, t.kind, t.axis, t.R_PF, t.p_PF, t.R_ML, t.p_ML, q, np.zeros(robot.n))
-    return R_WL[link], p_WL[link]

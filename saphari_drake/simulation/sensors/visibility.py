@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
+from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.robots.dynamics import DynamicsTerms
 from saphari_drake.robots.model import RobotModel
 
@@ -46,7 +46,7 @@ def pixels_near(
         return 0
     z = image[np.ix_(rows, cols)]
     z = np.where(np.isfinite(z), z, 0.0)
-    points = np.stack([x[cols] * z, y[rows][:, None] * z, z], axis=-1).reshape(-1, 3).astype(float)
+    points = back_projected(x[cols], y[rows], z).reshape(-1, 3).astype(float)
     points = points[np.linalg.norm(points - p_C, axis=1) < radius]
     points = points @ X_WC.rotation().matrix().T + X_WC.translation()
     shapes, everything = robot.shapes, np.ones(robot.shapes.count, dtype=bool)

@@ -102,6 +102,12 @@ def start_meshcat(params: MeshcatParams | None = None) -> Meshcat:
         logger.setLevel(level)
 
 
+def show(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat | None) -> None:
+    """Show a scene live, if there is a view."""
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+
+
 def _record_plant(
     meshcat: Meshcat,
     build: Callable[[DiagramBuilder], MultibodyPlant],

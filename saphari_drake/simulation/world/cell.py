@@ -1,131 +1,124 @@
-"""The cell: robot, hand and floor as one discrete plant with its scene graph."""
+"""The cell: a robot and what is around it, as one discrete plant with its scene graph."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
-from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    ContactModel,
-    ContactResults,
-    DiscreteContactApproximation,
-    MultibodyPlant,
-)
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import MatrixGain
 
-from saphari_drake.parameters import require_positive
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.world.hand_and_floor import HandParameters, add_floor, add_hand
+from saphari_drake.simulation.world.plant import PlantParameters, add_plant, add_robot, cover, torque_input
 
 Array = NDArray[np.float64]
 
 
-@dataclass
-class CellParameters:
-    """The simulated world."""
+class Body:
+    """Something beside the robot. It keeps nothing of a plant, so that it can be added to several."""
 
-    # s; step of the discrete plant.
-    time_step: float = 0.001
-    # The person's hand.
-    hand: HandParameters = field(default_factory=HandParameters)
+    def add_to(self, plant: MultibodyPlant, robot: RobotModel) -> None:
+        """Add what it consists of to a plant that is not finalized; the robot will stand at home."""
+        raise NotImplementedError
 
-    def __post_init__(self) -> None:
-        require_positive(self, "time_step")
+    def connect(self, builder: DiagramBuilder, cell: "Cell") -> None:
+        """Add the systems that move it, and connect them to the finished cell."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Cell:
-    """What `add_cell` put into a diagram, and the ports that others connect to."""
+    """What `add_cell` put into a diagram, and the ports that others connect to.
+
+    Attributes
+    ----------
+    robot, bodies, params
+        What the cell was made of.
+    plant, scene_graph
+    instance : ModelInstanceIndex
+        The robot in the plant.
+    torque_input : InputPort
+        n (Nm or N), in joint order.
+    link_of_body : mapping
+        Link of each of the robot's bodies by its index; −1: the base.
+    """
 
     robot: RobotModel
+    bodies: Sequence[Body]
+    params: PlantParameters
     plant: MultibodyPlant
     scene_graph: SceneGraph
     instance: ModelInstanceIndex
-    hand: RigidBody
-    torque_input: InputPort  # n (Nm), joint order
-    link_of_body: dict[int, int]  # link index of each of the robot's moving bodies
-    robot_state: OutputPort  # 2n (rad, rad/s)
-    hand_state: OutputPort  # 13: quaternion, position (m), angular and linear velocity
-    hand_force_input: InputPort  # nv of the plant, generalized forces
+    torque_input: InputPort
+    link_of_body: dict[int, int]
+
+    @property
+    def robot_state(self) -> OutputPort:
+        """State of the robot, 2n (rad or m, then rad/s or m/s)."""
+        return self.plant.get_state_output_port(self.instance)
+
+    @property
+    def contact_torque(self) -> OutputPort:
+        """J_cᵀF of all contact forces on the robot, n (Nm or N): −τ_ext."""
+        return self.plant.get_generalized_contact_forces_output_port(self.instance)
+
+    @property
+    def contact_results(self) -> OutputPort:
+        """Contacts of the plant, for `contact_truth`."""
+        return self.plant.get_contact_results_output_port()
+
+    def copy_to(self, builder: DiagramBuilder) -> MultibodyPlant:
+        """Add the same cell to another diagram, to show it; return its plant."""
+        return add_cell(builder, self.robot, self.bodies, self.params).plant
 
 
-def add_cell(builder: DiagramBuilder, robot: RobotModel, params: CellParameters | None = None) -> Cell:
-    """Add robot, hand and floor to a diagram.
-
-    The robot's links do not collide with one another: self-contact is not simulated.
-    """
-    params = params or CellParameters()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, params.time_step)
-    plant.set_name("plant")
-    plant.set_contact_model(ContactModel.kPoint)
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
-    instance = robot.add_to(plant)
-    hand = add_hand(plant, params.hand)
-    add_floor(plant)
-    plant.set_gravity_enabled(hand.model_instance(), False)
-    plant.Finalize()
-    plant.SetDefaultPositions(instance, robot.home)
-    ignore_self_contact(plant, scene_graph, instance)
-    return Cell(
-        robot=robot,
-        plant=plant,
-        scene_graph=scene_graph,
-        instance=instance,
-        hand=hand,
-        torque_input=connect_torque(builder, robot, plant, instance),
-        link_of_body={
-            int(plant.GetBodyByName(name, instance).index()): link for link, name in enumerate(robot.link_names)
-        },
-        robot_state=plant.get_state_output_port(instance),
-        hand_state=plant.get_state_output_port(hand.model_instance()),
-        hand_force_input=plant.get_applied_generalized_force_input_port(),
-    )
-
-
-def connect_torque(
-    builder: DiagramBuilder, robot: RobotModel, plant: MultibodyPlant, instance: ModelInstanceIndex
-) -> InputPort:
-    """Return the input port of the joint torques in joint order, whatever the order of the actuators is."""
-    port = plant.get_actuation_input_port(instance)
-    if np.array_equal(robot.actuator_order, np.arange(robot.n)):
-        return port
-    reorder = builder.AddNamedSystem("actuator_order", MatrixGain(np.eye(robot.n)[robot.actuator_order]))
-    builder.Connect(reorder.get_output_port(), port)
-    return reorder.get_input_port()
-
-
-def ignore_self_contact(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:
-    """Let the robot's links not collide with one another."""
-    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-    geometries = [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
-    filters = scene_graph.collision_filter_manager()
-    filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))
+def add_cell(
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    bodies: Sequence[Body] = (),
+    plant: PlantParameters | None = None,
+) -> Cell:
+    """Add a robot at its home posture, and bodies around it, to a diagram."""
+    params = plant or PlantParameters()
+    world, scene_graph = add_plant(builder, params)
+    instance = add_robot(world, robot, params)
+    for body in bodies:
+        body.add_to(world, robot)
+    world.Finalize()
+    world.SetDefaultPositions(instance, robot.home)
+    if params.geometry:
+        cover(world, scene_graph, instance, params)
+    links = {int(index): -1 for index in world.GetBodyIndices(instance)}
+    for link, name in enumerate(robot.link_names):
+        welded = world.GetBodiesWeldedTo(world.GetBodyByName(name, instance))
+        links |= {int(part.index()): link for part in welded}
+    torque = torque_input(builder, robot, world, instance)
+    cell = Cell(robot, bodies, params, world, scene_graph, instance, torque, links)
+    for body in bodies:
+        body.connect(builder, cell)
+    return cell
 
 
 def contact_truth(results: ContactResults, cell: Cell) -> Array:
-    """Return the true contact of the hand from the plant's contact results, for judging alone.
+    """Return the true contact of the robot with what is around it from the plant's contact results, to judge by alone.
 
     Returns
     -------
     (7,) array
-        Force of the hand on the robot (N, world), force-weighted contact point (m, world) and index of the touched
-        link (−1: the base, or no contact); zeros without contact.
+        Force on the robot (N, world), force-weighted contact point (m, world) and index of the touched link (−1: the
+        base, or no contact); zeros without contact.
     """
     force, point, weight, link = np.zeros(3), np.zeros(3), 0.0, -1
     for i in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(i)
-        bodies = info.bodyA_index(), info.bodyB_index()
-        if cell.hand.index() not in bodies:
+        touched = [int(index) for index in (info.bodyA_index(), info.bodyB_index()) if int(index) in cell.link_of_body]
+        size = float(np.linalg.norm(info.contact_force()))
+        if len(touched) != 1 or size == 0.0:
             continue
         # contact_force() acts on body B.
-        touched, sign = (bodies[1], 1.0) if bodies[0] == cell.hand.index() else (bodies[0], -1.0)
-        size = float(np.linalg.norm(info.contact_force()))
-        if size > 0.0:
-            force += sign * info.contact_force()
-            point += size * info.contact_point()
-            weight += size
-            link = cell.link_of_body.get(int(touched), -1)
+        force += info.contact_force() * (1.0 if touched[0] == int(info.bodyB_index()) else -1.0)
+        point += size * info.contact_point()
+        weight += size
+        link = cell.link_of_body[touched[0]]
     return np.array([*force, *(point / weight if weight > 0.0 else point), link])

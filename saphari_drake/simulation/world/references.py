@@ -1,88 +1,74 @@
-"""Desired motion of a frame: there and back along a straight line, smooth in acceleration."""
+"""What is wanted over time."""
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.systems import cycle
-
-Array = NDArray[np.float64]
+from saphari_drake.systems import CYCLE_OFFSET, cycle
 
 
-@dataclass
-class StraightMotionParameters:
-    """Line and timing. All A."""
-
-    # m; to the far end, in the world.
-    displacement: list[float] = field(default_factory=lambda: [0.0, 0.2, 0.0])
-    # s; first departure, time of one way, and pause at each end.
-    start: float = 0.5
-    travel_time: float = 3.0
-    pause: float = 1.0
-    # s; period with which the motion is sampled: that of the controller which follows it.
-    period: float = 0.002
-
-    def __post_init__(self) -> None:
-        if np.shape(self.displacement) != (3,):
-            raise ParameterError("displacement", f"needs three entries, got {self.displacement}")
-        require_positive(self, "travel_time", "period")
-        require_non_negative(self, "start", "pause")
-
-
-def straight_motion(params: StraightMotionParameters, time: float) -> tuple[float, float, float]:
-    """Return the share of the way (0 to 1), its rate (1/s) and its second derivative (1/s²) at a time (s)."""
-    leg = params.travel_time + params.pause
-    index, since = divmod(time - params.start, leg)
-    if time < params.start:
-        return 0.0, 0.0, 0.0
-    a, T = min(since / params.travel_time, 1.0), params.travel_time
-    s = a**3 * (10.0 - 15.0 * a + 6.0 * a * a)
-    rate, second = 30.0 * (a * (1.0 - a)) ** 2 / T, 60.0 * a * (1.0 - a) * (1.0 - 2.0 * a) / T**2
-    return (s, rate, second) if index % 2 == 0 else (1.0 - s, -rate, -second)
-
-
-class StraightMotion(LeafSystem):
-    """Desired pose, velocity and acceleration along a straight line, with constant orientation, held over each period.
+class Reference(LeafSystem):
+    """Functions of time.
 
     .. pydrake_system::
 
-        name: StraightMotion
+        name: Reference
         output_ports:
-        - desired_pose
-        - desired_velocity
-        - desired_acceleration
+        - (each name of `functions`)
 
-    - `desired_pose`: abstract `RigidTransform` in the world.
-    - `desired_velocity`, `desired_acceleration`: 6, [ω; v] in the world (rad/s, m/s) and its derivative.
+    Ports
+    -----
+    (each name) : what its function returns: a vector for an array of one dimension or a number, otherwise abstract.
+
+    Parameters
+    ----------
+    functions : mapping from str to callable
+        Each takes the time (s). Unit and frame are those of what it returns, whose kind and size do not change.
+    period : float, optional
+        Each value is sampled at the start of a cycle of this length (s) and held; default: values follow the time.
+
+    State: the values of the cycle.
     """
 
-    def __init__(self, start: RigidTransform, params: StraightMotionParameters) -> None:
+    def __init__(self, functions: Mapping[str, Callable[[float], Any]], period: float | None = None) -> None:
         super().__init__()
-        self._start, self._params, self._way = start, params, np.asarray(params.displacement)
-        self._sampled = self.DeclareDiscreteState(3)  # share of the way, its rate and second derivative
-        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._sample)
-        held = {self.discrete_state_ticket(self._sampled)}
-        alloc = lambda: AbstractValue.Make(RigidTransform())  # noqa: E731
-        self.DeclareAbstractOutputPort("desired_pose", alloc, self._pose, held)
-        for order, name in ((1, "desired_velocity"), (2, "desired_acceleration")):
-            self.DeclareVectorOutputPort(
-                name, BasicVector(6), lambda context, output, k=order: self._rate(context, output, k), held
-            )
+        self._functions = dict(functions)
+        first = self._sample(0.0)
+        self._is_held, ticket = period is not None, self.time_ticket()
+        if period is not None:
+            self._held = self.DeclareAbstractState(AbstractValue.Make(first))
+            ticket = self.abstract_state_ticket(self._held)
+            self.DeclareInitializationUnrestrictedUpdateEvent(self._update)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
+        for name, value in first.items():
+            if isinstance(value, np.ndarray):
 
-    def _sample(self, context: Context, state: State) -> None:
-        values = straight_motion(self._params, context.get_time())
-        state.get_mutable_discrete_state(self._sampled).SetFromVector(values)
+                def write(context: Context, output: BasicVector, name: str = name) -> None:
+                    output.SetFromVector(np.ravel(self._value(context, name)))
 
-    def _pose(self, context: Context, output: AbstractValue) -> None:
-        share = context.get_discrete_state(self._sampled).value()[0]
-        output.set_value(RigidTransform(self._start.rotation(), self._start.translation() + share * self._way))
+                self.DeclareVectorOutputPort(name, BasicVector(value.size), write, {ticket})
+                continue
 
-    def _rate(self, context: Context, output: BasicVector, order: int) -> None:
-        value = context.get_discrete_state(self._sampled).value()[order]
-        output.SetFromVector(np.concatenate([np.zeros(3), value * self._way]))
+            def put(context: Context, output: AbstractValue, name: str = name) -> None:
+                output.set_value(self._value(context, name))
+
+            self.DeclareAbstractOutputPort(name, lambda value=value: AbstractValue.Make(value), put, {ticket})
+
+    def _sample(self, time: float) -> dict[str, Any]:
+        values = {name: function(time) for name, function in self._functions.items()}
+        plain = (np.ndarray, list, tuple, float, int)
+        return {name: np.ravel(value) if isinstance(value, plain) else value for name, value in values.items()}
+
+    def _value(self, context: Context, name: str) -> Any:
+        if not self._is_held:
+            return self._functions[name](context.get_time())
+        return context.get_abstract_state(int(self._held)).get_value()[name]
+
+    def _update(self, context: Context, state: State) -> None:
+        values = self._sample(max(context.get_time() - CYCLE_OFFSET, 0.0))
+        state.get_mutable_abstract_state(int(self._held)).set_value(values)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from force_loop import TIP, Q, gains_of, simulate, spring
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.control.contact.stability import check_hand, hand_stiffness_limits, max_hand_stiffness
 from saphari_drake.errors import StabilityWarning
 from saphari_drake.pipelines.contact import ContactPipelineParameters

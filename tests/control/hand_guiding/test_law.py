@@ -5,12 +5,13 @@ import pytest
 from arms import states
 from guided_arm import HOME, TIP
 
-from saphari_drake.control.hand_guiding import law as laws
-from saphari_drake.control.hand_guiding.cycle import HandGuiding
+from saphari_drake.control.hand_guiding.law import HandGuiding
 from saphari_drake.control.hand_guiding.parameters import GuidedPointParameters, HandGuidingParameters
-from saphari_drake.control.hand_guiding.touch import joints_that_move
+from saphari_drake.control.hand_guiding.system import sense
+from saphari_drake.control.hand_guiding.touch import GuidingPriority, GuidingStatus
 from saphari_drake.errors import ParameterError, UnknownNameError
-from saphari_drake.messages import GuidingPriority, GuidingStatus, SkinContact, SkinReading, SkinStatus
+from saphari_drake.math import guided_motion as laws
+from saphari_drake.messages import SkinContact, SkinReading, SkinStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 SKIN = np.array([0.0, 0.065, 0.1])
@@ -45,19 +46,21 @@ class Guided:
             reading = SkinReading(contacts, status, (), self.state.now if stamp is None else stamp)
             wrench = np.concatenate([np.zeros(3), F_e])
             self.terms = terms
-            self.state, output = self.guiding.step(self.state, terms, reading, wrench)
+            fresh = self.state.now - reading.stamp <= self.params.timeout
+            hands = sense(terms, reading, wrench, self.guiding.tip, fresh)
+            self.state, output = self.guiding.step(self.state, terms, hands)
             self.outputs.append(output)
         return self.outputs[-1]
 
     def velocity(self, body=False):
         """Return the commanded velocity of a point (m/s)."""
         terms = evaluate_dynamics(self.robot, self.state.q, self.state.v)
-        return terms.point(*(self.link, self.p) if body else (self.guiding.tip.link, self.guiding.tip.p_LC)).v_WC
+        return terms.point(*(self.link, self.p) if body else self.guiding.tip).v_WC
 
     def point(self, body=False):
         """Return the commanded position of a point (m)."""
         terms = evaluate_dynamics(self.robot, self.state.q, self.state.v)
-        return terms.point(*(self.link, self.p) if body else (self.guiding.tip.link, self.guiding.tip.p_LC)).p_WC
+        return terms.point(*(self.link, self.p) if body else self.guiding.tip).p_WC
 
 
 @pytest.mark.parametrize("arm", ["lwr4", "panda", "xarm7"])
@@ -113,17 +116,6 @@ def test_damped_inverse_is_bounded_continuous_and_exact_where_regular():
         if last is not None:
             assert np.abs(J_inv - last).max() < 0.02 / epsilon
         last = J_inv
-
-
-def test_torque_of_a_contact_is_that_of_its_jacobian(lwr4):
-    rng, moved_by = np.random.default_rng(0), joints_that_move(lwr4)
-    for q, v in states(lwr4, 4):
-        terms = evaluate_dynamics(lwr4, q, v)
-        for link in range(7):
-            p, F = rng.standard_normal((2, 3))
-            at = terms.point(link, p)
-            torque = laws.contact_torque(terms.S, moved_by[link], at.p_WC, F)
-            np.testing.assert_allclose(torque, at.Jv_WC.T @ F, atol=1e-10)
 
 
 def test_admittance_settles_at_force_over_damping_with_its_time_constant():
@@ -224,11 +216,11 @@ def test_the_force_fed_forward_is_smoothed(lwr4):
         guiding = HandGuiding(lwr4, HandGuidingParameters(tip_point=TIP.tolist(), force_time=time))
         state = guiding.start(terms)
         for _ in range(10):  # 20 ms
-            state, _ = guiding.step(state, terms, SkinReading(stamp=state.now), wrench)
+            state, _ = guiding.step(state, terms, sense(terms, SkinReading(), wrench, guiding.tip))
         fed[time] = state.torque
     np.testing.assert_allclose(fed[0.0], terms.point(6, TIP).Jv_WC.T @ wrench[3:], atol=1e-12)
     np.testing.assert_allclose(fed[0.02], (1.0 - np.exp(-1.0)) * fed[0.0], atol=1e-12)
-    state, _ = guiding.step(state, terms, SkinReading(status=SkinStatus.LOST, stamp=state.now), wrench)
+    state, _ = guiding.step(state, terms, sense(terms, SkinReading(status=SkinStatus.LOST), wrench, guiding.tip))
     np.testing.assert_array_equal(state.torque, fed[0.02])
 
 
@@ -272,7 +264,7 @@ def test_every_change_is_bumpless(lwr4):
     kinds = {(o.priority, tuple(o.rank > 0), o.status == GuidingStatus.SENSOR_LOST) for o in robot.outputs}
     assert len(kinds) >= 6
     a = np.array([o.acceleration for o in robot.outputs])
-    onset = np.flatnonzero([o.priority == 1 for o in robot.outputs])[-50]  # the last touch is a step of force
+    onset = np.flatnonzero([o.priority == GuidingPriority.END_EFFECTOR for o in robot.outputs])[-50]
     step = np.linalg.norm(F_e) / 5.0 / sigma
     change = np.linalg.norm(np.diff(a[: onset - 1], axis=0), axis=1)
     assert change.max() < 1.3 * step * PERIOD * (1.0 / 0.1 + 1.0 / robot.params.fade_time)

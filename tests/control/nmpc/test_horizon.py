@@ -6,9 +6,11 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from saphari_drake.control.nmpc.horizon import Multipliers, evaluate, no_multipliers
-from saphari_drake.control.nmpc.problem import NmpcParameters, NmpcProblem, TestPoint
-from saphari_drake.control.nmpc.rows import distance_rows, minimum_distances, reachable, slip_rows
+from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
+from saphari_drake.control.nmpc.problem import NmpcProblem
+from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, reachable, slip_rows
+from saphari_drake.messages import ObstaclePoints
 
 H = 1e-6
 
@@ -20,12 +22,20 @@ def scene():
     q0, R = bench.start(problem)
     q0 = q0 + np.array([0.0, 2.2] + [0.0] * 8)
     Q = q0 + 0.05 * np.random.default_rng(0).normal(size=(10, 10))
-    return problem, q0, Q, *problem.stages(bench.reference(R, 11.0, 11)), *problem.predict(bench.obstacles())
+    return problem.data, problem.scene(q0, bench.reference(R, 11.0, 11), bench.obstacles()), Q
 
 
 def run(scene, Q, exact=True, multipliers=None, derivatives=True):
-    problem, q0, _, R, p, p_WO, radius = scene
-    return evaluate(problem.data, q0, Q, R, p, p_WO, radius, multipliers or no_multipliers(), exact, derivatives)
+    data, given, _ = scene
+    multipliers = no_multipliers(given, 10, 10) if multipliers is None else multipliers
+    return evaluate(data, given, Q, multipliers, exact, derivatives)
+
+
+def all_rows(data, given, Q, step=np.inf, everything=True):
+    """Return the rows at an iterate, and the distances that they keep."""
+    at = evaluate(data, given, Q, no_multipliers(given, len(Q), len(data.d_min)), True, True)
+    kept = kept_distances(data, given.q0, Q, at.J)
+    return distance_rows(data, given, Q, at, kept, step, everything), kept
 
 
 @pytest.mark.parametrize("name", ["lwr4", "panda", "xarm7", "mobile"])
@@ -39,10 +49,9 @@ def test_points_and_jacobians_equal_those_of_the_plant(load_arm, name):
     instance = robot.add_to(plant)
     plant.Finalize()
     context = plant.CreateDefaultContext()
-    R, p = problem.stages(bench.reference(np.eye(3), 0.0, 1))
     for q in rng.uniform(-2.0, 2.0, (5, robot.n)):
-        none = np.zeros((2, 0, 3)), np.zeros(0)
-        *_, P, J = evaluate(problem.data, q, q[None], R, p, *none, no_multipliers(), True, True)
+        given = problem.scene(q, bench.reference(np.eye(3), 0.0, 1), ObstaclePoints())
+        *_, P, J = evaluate(problem.data, given, q[None], no_multipliers(given, 1, len(points)), True, True)
         plant.SetPositions(context, instance, q)
         for i, point in enumerate(points):
             frame, world = plant.GetFrameByName(point.frame), plant.world_frame()
@@ -81,25 +90,22 @@ def test_gauss_newton_hessian_is_exact_where_the_pose_error_vanishes():
     problem = bench.benchmark_problem("1")
     q, _ = bench.start(problem)
     R, p = problem.end_effector_pose(q)
-    Rs, ps = np.tile(R, (11, 1, 1)), np.tile(p, (11, 1))
-    none = np.zeros((11, 0, 3)), np.zeros(0), no_multipliers()
-    Q = np.tile(q, (10, 1))
-    both = [evaluate(problem.data, q, Q, Rs, ps, *none, exact, True)[2] for exact in (True, False)]
+    given, Q = problem.scene(q, NmpcReference(p[None], R[None]), ObstaclePoints()), np.tile(q, (10, 1))
+    both = [run((problem.data, given, Q), Q, exact).H for exact in (True, False)]
     np.testing.assert_allclose(both[0], both[1], atol=1e-10)
-    off = evaluate(problem.data, q, Q + 0.3, Rs, ps, *none, False, True)[2]
+    off = run((problem.data, given, Q), Q + 0.3, False).H
     assert min(np.linalg.eigvalsh(block)[0] for block in off) > -1e-10
 
 
 def test_multipliers_bend_the_hessian_only_off_the_constraint(scene):
     """On the tangent of a row, what its multiplier adds to the Hessian is −λ∇²z, by finite differences of ∇z."""
-    problem, q0, Q, _, _, p_WO, radius = scene
-    data = problem.data
-    one = Multipliers(np.array([4]), np.array([6]), np.array([2]), np.array([3.0]))
-    added = (run(scene, Q, multipliers=one)[2] - run(scene, Q)[2])[3]
+    data, given, Q = scene
+    one = no_multipliers(given, 10, 10)
+    one[4, 6, 2] = 3.0
+    added = (run(scene, Q, multipliers=one).H - run(scene, Q).H)[3]
 
     def gradient(Q):
-        *_, P, J = run(scene, Q)
-        rows = distance_rows(data, q0, Q, P, J, p_WO, radius, np.inf, True)
+        rows, _ = all_rows(data, given, Q)
         (r,) = np.nonzero((rows.stage == 4) & (rows.point == 6) & (rows.obstacle == 2))[0]
         return rows.b[r]
 
@@ -117,17 +123,15 @@ def test_multipliers_bend_the_hessian_only_off_the_constraint(scene):
 @pytest.mark.parametrize("between", [False, True])
 def test_rows_are_the_gradients_of_their_distances(scene, between):
     """Central differences in both stages of a row; the distance to keep, which grows with the speed, held fixed."""
-    _, q0, Q, R, p, p_WO, radius = scene
-    problem = bench.benchmark_problem("3", between_samples=between)
-    data = problem.data
+    _, given, Q = scene
+    data = bench.benchmark_problem("3", between_samples=between).data
     rng = np.random.default_rng(2)
-    p_WO = p_WO + np.linspace(0.0, 1.0, 11)[:, None, None] * rng.normal(size=(1, 6, 3))
+    moving = np.linspace(0.0, 1.0, 11)[:, None, None] * rng.normal(size=(1, 6, 3))
+    given = given._replace(p_WO=given.p_WO + moving)
 
     def rows(Q):
-        *_, P, J = evaluate(data, q0, Q, R, p, p_WO, radius, no_multipliers(), True, True)
-        rows = distance_rows(data, q0, Q, P, J, p_WO, radius, np.inf, True)
-        kept = [minimum_distances(data, q0, Q, J, i, k) for i, k in zip(rows.point, rows.stage)]
-        return rows, rows.z + np.square(kept)
+        rows, kept = all_rows(data, given, Q)
+        return rows, rows.z + np.square(kept[rows.stage, rows.point])
 
     here, _ = rows(Q)
     D = rng.normal(size=Q.shape)
@@ -141,16 +145,14 @@ def test_rows_are_the_gradients_of_their_distances(scene, between):
 @pytest.mark.parametrize("step", [0.02, 0.15, np.inf])
 def test_rows_left_out_hold_for_every_step_within_the_limits(scene, between, step):
     """Random steps, and those that go farthest against each row, within the box that the proof states."""
-    _, q0, _, R, p, p_WO, radius = scene
-    problem = bench.benchmark_problem("3", between_samples=between)
-    data = problem.data
+    _, given, _ = scene
+    data = bench.benchmark_problem("3", between_samples=between).data
     rng = np.random.default_rng(3)
-    boxes = [reachable(data, q0, k + 1) for k in range(10)]
+    boxes = [reachable(data, given.q0, k + 1) for k in range(10)]
     Q = np.array([rng.uniform(*box) for box in boxes])
-    Q = 0.2 * Q + 0.8 * q0
-    *_, P, J = evaluate(data, q0, Q, R, p, p_WO, radius, no_multipliers(), True, True)
-    every = distance_rows(data, q0, Q, P, J, p_WO, radius, step, True)
-    near = distance_rows(data, q0, Q, P, J, p_WO, radius, step, False)
+    Q = 0.2 * Q + 0.8 * given.q0
+    every, _ = all_rows(data, given, Q, step)
+    near, _ = all_rows(data, given, Q, step, everything=False)
     kept = set(zip(near.stage, near.point, near.obstacle))
     left = [r for r, key in enumerate(zip(every.stage, every.point, every.obstacle)) if key not in kept]
     assert left and len(left) + len(near.z) == len(every.z)
@@ -168,24 +170,16 @@ def test_a_swept_row_bounds_the_distance_at_every_instant():
     """Where z ≥ 0, the way between two samples stays at least d_min from an obstacle that moves."""
     problem = bench.benchmark_problem("3h", between_samples=True, horizon=1)
     data, rng, tight = problem.data, np.random.default_rng(4), np.inf
-    R, p = problem.stages(bench.reference(np.eye(3), 0.0, 1))
     for _ in range(200):
         q0 = bench.HOME + rng.uniform(-0.5, 0.5, 10)
-        q1 = q0 + rng.uniform(-0.1, 0.1, 10) * problem.v_max
-        ways = np.array([q0 + s * (q1 - q0) for s in np.linspace(0.0, 1.0, 51)])
-        paths = np.array(
-            [
-                evaluate(data, q, q[None], R, p, np.zeros((2, 0, 3)), np.zeros(0), no_multipliers(), 0, 0)[3][0]
-                for q in ways
-            ]
-        )
+        q1 = q0 + rng.uniform(-0.1, 0.1, 10) * data.v_max
+        paths = np.array([bench.test_points(problem, q0 + s * (q1 - q0)) for s in np.linspace(0.0, 1.0, 51)])
+        given = problem.scene(q0, bench.reference(np.eye(3), 0.0, 1), bench.obstacles(np.zeros((1, 3))))
         for i in (0, 6, 9):
             away = rng.normal(size=3)
             o = paths[25, i] + away / np.linalg.norm(away) * rng.uniform(0.9, 1.2) * data.d_min[i]
             ends = o + np.array([-0.05, 0.05])[:, None] * rng.normal(size=3)
-            p_WO = ends[:, None, :]
-            *_, P, J = evaluate(data, q0, q1[None], R, p, p_WO, np.zeros(1), no_multipliers(), True, True)
-            rows = distance_rows(data, q0, q1[None], P, J, p_WO, np.zeros(1), np.inf, True)
+            rows, _ = all_rows(data, given._replace(p_WO=ends[:, None, :]), q1[None])
             z = rows.z[rows.point == i][0]
             obstacle = ends[0] + np.linspace(0.0, 1.0, 51)[:, None] * (ends[1] - ends[0])
             smallest = np.linalg.norm(paths[:, i] - obstacle, axis=1).min()

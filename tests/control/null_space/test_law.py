@@ -4,15 +4,15 @@ from copy import copy
 
 import numpy as np
 import pytest
+from null_space_basis import null_space, reference_basis
 from null_space_loop import Loop, bent
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 
-from saphari_drake.control.null_space.law import advance_offset, rotation_log, rotation_rate
+from saphari_drake.control.null_space.law import Desired, Yielding, advance_offset, shifted
 from saphari_drake.control.null_space.parameters import OBSERVERS, NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
-from saphari_drake.math.null_space import null_space, reference_basis
-from saphari_drake.math.rotations import axis_rotation
+from saphari_drake.math.rotations import axis_rotation, rotation_log, rotation_rate
 from saphari_drake.math.task_space import project
 from saphari_drake.math.tree_matrices import coriolis_matrix
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -25,9 +25,9 @@ def plain_torque(controller, robot, d, X_d, V_d, A_d, estimate, q_d):
 
     Also the task error.
     """
-    g, p, m, t = controller.gains, controller.params, controller.m, robot.tree
+    g, p, m = controller.gains, controller.params, controller.m
     now = controller.kinematics(d)
-    C = coriolis_matrix(t.parent, t.mass, t.com, t.inertia, d.R_WL, d.p_WL, d.S, d.V)
+    C = coriolis_matrix(robot.tree, d.motion)
     J, Jdot = now.task.J, now.task.Jdot
     M_inv = np.linalg.inv(d.M)
     Lambda = np.linalg.inv(J @ M_inv @ J.T)
@@ -84,7 +84,7 @@ def test_compiled_law_is_that_of_the_equations(load_arm, name, observer, task):
         V_d, A_d, estimate = rng.normal(size=6), rng.normal(size=6), rng.normal(size=robot.n)
         q_d = d.q + rng.uniform(-0.1, 0.1, robot.n)
         values = {
-            "dynamics": AbstractValue.Make(d), "torque_estimated": estimate, "residual": -estimate,
+            "dynamics": AbstractValue.Make(d), "torque_external_task": -estimate, "torque_external": -estimate,
             "desired_pose": AbstractValue.Make(RigidTransform(RotationMatrix(X_d[0]), X_d[1])),
             "desired_velocity": V_d, "desired_acceleration": A_d, "nominal_posture": q_d,
         }  # fmt: skip
@@ -112,6 +112,26 @@ def test_target_follows_then_returns_with_bounded_speed():
     assert steps.max() <= 0.25 * period * (1.0 + 1e-9) and max(speeds) == 0.25
     assert np.abs(np.diff(speeds)).max() < 2.0 * period
     np.testing.assert_allclose(np.cross(path, away), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_velocity_of_a_target_that_returns_is_that_of_its_pose(seed):
+    """Position and orientation, by central differences along the shrinking offset; none where there is no offset."""
+    rng, h = np.random.default_rng(seed), 1e-6
+    offset, speed = rng.normal(size=6), np.array([0.7, 0.2])
+    R_d = axis_rotation(np.array([0.6, 0.0, 0.8]), 0.5)
+    desired = Desired(R_d, rng.normal(size=3), np.zeros(6), np.zeros(6), np.zeros(7))
+
+    def target(t):
+        left = [part * (1.0 - s * t / np.linalg.norm(part)) for part, s in zip((offset[:3], offset[3:]), speed)]
+        return shifted(desired, Yielding(0.0, np.concatenate(left), speed))
+
+    ahead, here, behind = (target(t) for t in (h, 0.0, -h))
+    np.testing.assert_allclose(here.V[3:], (ahead.p - behind.p) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(here.V[:3], rotation_log(ahead.R @ behind.R.T) / (2 * h), atol=1e-8)
+    rest = shifted(desired, Yielding(0.0, np.zeros(6), np.zeros(2)))
+    np.testing.assert_array_equal(rest.V, np.zeros(6))
+    np.testing.assert_array_equal(rest.R, R_d)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -173,21 +193,3 @@ def test_pose_task_on_a_moving_target(lwr4, observer, limit):
         loop.step(np.array([0.0, -6.0 * min(t, 1.0), 0.0]))
         errors.append(np.abs(loop.e.error).max())
     assert max(errors) < limit
-
-
-def test_rotation_error_is_a_logarithm():
-    """log(exp(e)) = e up to half a turn, and its rate is that of finite differences."""
-    rng = np.random.default_rng(0)
-    for angle in (0.0, 1e-8, 1e-3, 1.0, 3.0, np.pi - 1e-9):
-        axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        e = rotation_log(axis_rotation(axis, angle))
-        assert np.linalg.norm(e) == pytest.approx(angle, abs=1e-6)
-        np.testing.assert_allclose(np.outer(e, e), angle**2 * np.outer(axis, axis), atol=1e-5)
-    w_d, w, R, h = rng.normal(size=3), rng.normal(size=3), axis_rotation(np.array([0.0, 0.6, 0.8]), 0.9), 1e-6
-
-    def turned(x, t):
-        return axis_rotation(x / np.linalg.norm(x), np.linalg.norm(x) * t)
-
-    ahead, behind = (rotation_log(turned(w_d, t) @ R @ turned(w, t).T) for t in (h, -h))
-    np.testing.assert_allclose(rotation_rate(rotation_log(R), w_d, w), (ahead - behind) / (2 * h), atol=1e-6)

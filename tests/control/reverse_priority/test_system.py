@@ -9,12 +9,13 @@ import pytest
 from bench import Bench
 from experiments.priority import planar
 from experiments.priority import three_level as arm
+from priority_recursion import reverse_priority
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from saphari_drake.control.reverse_priority import tasks
-from saphari_drake.control.reverse_priority.recursion import reverse_priority
+from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.stack import PriorityStack
 from saphari_drake.control.reverse_priority.system import (
     ReversePriorityController,
@@ -26,7 +27,6 @@ from saphari_drake.control.reverse_priority.system import (
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.experiment import main
-from saphari_drake.simulation.world.kinematic_arm import WaypointPath
 
 NOWHERE = np.zeros((0, 6))
 SCRIPT = Path(__file__).parents[3] / "diagrams" / "reverse_priority_planar.py"
@@ -110,14 +110,14 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(lwr4):
     position = home_point(lwr4)
     fast = stack.solve(lwr4.home, np.zeros(7), position_reference(position, [0.0, 8.0, 2.0])[None], NOWHERE, 0.005)
     slow = stack.solve(lwr4.home, np.zeros(7), position_reference(position, [0.0, 0.08, 0.02])[None], NOWHERE, 0.005)
-    assert fast.status == 1 and 0.0 < fast.scale < 1.0
+    assert fast.status == PriorityStatus.SCALED and 0.0 < fast.scale < 1.0
     assert np.abs(fast.v / lwr4.v_max).max() == pytest.approx(1.0, abs=0.01)
     cosine = fast.v @ slow.v / np.linalg.norm(fast.v) / np.linalg.norm(slow.v)
     assert cosine == pytest.approx(1.0, abs=1e-9)
 
 
 def home_point(robot):
-    return arm.point_position(robot, robot.home, robot.link_index("link_7"), np.zeros(3))
+    return robot.kinematics(robot.home).p_WL[robot.link_index("link_7")]
 
 
 def test_hard_constraints_hold_for_twenty_random_people(lwr4):
@@ -126,7 +126,7 @@ def test_hard_constraints_hold_for_twenty_random_people(lwr4):
     met = 0
     for seed in range(20):
         run = arm.run_kinematic(arm.three_level_job(lwr4, params, seed), 4.0)
-        assert not np.any(run.status == 2)
+        assert set(run.status) <= {PriorityStatus.OK, PriorityStatus.SCALED}
         assert run.clearance.min() >= params.clearance + params.margin, seed
         assert np.all(run.q <= lwr4.q_max) and np.all(run.q >= lwr4.q_min)
         assert np.all(np.abs(run.v) <= lwr4.v_max * (1 + 1e-9))
@@ -140,7 +140,7 @@ def test_a_person_faster_than_the_arm_is_told_and_commands_stay_within_limits(lw
     job = arm.three_level_job(lwr4, params, 3)
     job.person._omega *= 6.0 / 0.4
     run = arm.run_kinematic(job, 2.0)
-    assert np.any(run.status == 2)
+    assert np.any(run.status == PriorityStatus.LIMITED)
     assert np.all(np.isfinite(run.v)) and np.all(np.abs(run.v) <= lwr4.v_max * (1 + 1e-9))
 
 
@@ -155,7 +155,7 @@ def test_a_hard_bound_and_a_soft_one_differ_by_their_place(lwr4):
         for _ in range(400):
             v = stack.solve(q, 0.95 * v, position_reference(goal)[None], NOWHERE, 0.005).v
             q = q + 0.005 * v
-        heights[name] = arm.point_position(lwr4, q, lwr4.link_index("link_7"), np.zeros(3))[2]
+        heights[name] = lwr4.kinematics(q).p_WL[lwr4.link_index("link_7")][2]
     assert heights["hard"] <= 0.52
     assert heights["soft"] == pytest.approx(goal[2], abs=1e-3)
 
@@ -182,6 +182,36 @@ def test_the_controller_publishes_what_it_does(lwr4):
     assert not np.allclose(clone.read("velocity_commanded"), bench.read("velocity_commanded"))
 
 
+@pytest.mark.parametrize("port", ["position_measured", "references", "targets"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("cycles", [1, 3, 20])
+def test_an_input_that_is_not_finite_stops_the_arm_and_is_told(lwr4, port, value, cycles):
+    """For as long as it lasts, and no longer: what is remembered of the fault is a command of zero."""
+    bound = tasks.Bound(tasks.target_distance(lwr4, "link_7", 0, radius=0.1), lower=0.05, buffer=0.1)
+    controller = ReversePriorityController(lwr4, [[bound], tasks.pose_task(lwr4, "link_7")])
+    good = {
+        "position_measured": lwr4.home,
+        "targets": np.full(6, 5.0),
+        "references": frame_reference(RigidTransform(home_point(lwr4) + [0.0, 0.1, 0.0])),
+    }
+    bench = Bench(controller, **good)
+    asked = bench.read("velocity_commanded")
+    assert np.abs(asked).max() > 0.1
+    bad = good[port].copy()
+    bad[-1] = value
+    bench.set(**{port: bad})
+    for _ in range(cycles):
+        assert bench.read("status") == PriorityStatus.INVALID and bench.read("task_scale") == 0.0
+        np.testing.assert_array_equal(bench.read("velocity_commanded"), np.zeros(7))
+        np.testing.assert_array_equal(bench.read("activation"), np.zeros(1))
+        for name in ("task_error", "smallest_singular_value", "constraint_excess"):
+            bench.read(name)  # no exception
+        bench.run(1)
+    bench.set(**good)
+    assert bench.read("status") != PriorityStatus.INVALID
+    np.testing.assert_array_equal(bench.read("velocity_commanded"), asked)
+
+
 def test_references_have_their_layout():
     reference = frame_reference(RigidTransform([1.0, 2.0, 3.0]), np.arange(6.0))
     np.testing.assert_array_equal(reference, [*np.eye(3).ravel(), 1, 2, 3, *range(6)])
@@ -193,17 +223,6 @@ def test_parameters_are_checked(field):
         ReversePriorityParameters(**{field: -1.0})
     with pytest.raises(ParameterError, match="decay"):
         ReversePriorityParameters(decay=1.5)
-
-
-def test_waypoint_velocity_is_the_derivative_and_rests_at_the_points():
-    path = WaypointPath([[0, 0, 0], [1, 0, 0], [1, 2, 0]], 0.5, 1.0)
-    assert path.arrivals == [3.0, 8.0]
-    for t in (0.3, 1.0, 2.5, 3.5, 6.0, 7.5, 20.0):
-        slope = (path(t + 1e-6)[0] - path(t - 1e-6)[0]) / 2e-6
-        np.testing.assert_allclose(path(t)[1], slope, atol=1e-6)
-    np.testing.assert_allclose(path(2.5)[0], [1.0, 0.0, 0.0])
-    with pytest.raises(ParameterError, match="waypoints"):
-        WaypointPath([[0, 0, 0]], 0.5, 1.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.scenes import ContactScenes
 from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.errors import ParameterError, StateError

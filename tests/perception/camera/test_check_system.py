@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from bench import Bench
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.scenes import ContactScenes
 from pydrake.math import RigidTransform
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.errors import ParameterError
 from saphari_drake.perception.camera.check import CheckStatus
 from saphari_drake.perception.camera.check_system import CameraCheck, CheckScheduleParameters
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose
@@ -101,6 +102,14 @@ def test_bad_input_is_named(lwr4, frames):
         CheckScheduleParameters(interval=0.0)
     with pytest.raises(ParameterError, match="period"):
         CameraCheck(lwr4, CameraParameters(), period=np.nan)
+
+
+def test_frames_that_cannot_be_used_tell_nothing(lwr4, frames):
+    """Of another size, or with a posture that is not finite; the next good one does."""
     bench = bench_of(lwr4, frames)
-    with pytest.raises(StateError, match="position_measured"):
-        bench.run(1, position_measured=np.full(7, np.nan))
+    show(bench, (frames[0][0], ImageDepth32F(3, 2)))
+    assert bench.read("check_status") == CheckStatus.UNKNOWN
+    show(bench, (np.full(7, np.nan), frames[0][1]))
+    assert bench.read("check_status") == CheckStatus.UNKNOWN
+    show(bench, frames[0])
+    assert bench.read("check_status") == CheckStatus.OK

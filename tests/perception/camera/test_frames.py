@@ -1,23 +1,13 @@
-"""Remembered postures: interpolation in time, and link poses as everywhere else."""
+"""Remembered postures: interpolation in time."""
 
 import numpy as np
-from arms import states
 
-from saphari_drake.perception.camera.frames import link_poses, posture_at
-from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.perception.camera.frames import sample_at
 
 
 def test_posture_is_interpolated_and_holds_at_both_ends():
     postures = ((0.0, np.array([0.0, 1.0])), (0.1, np.array([1.0, -1.0])), (0.2, np.array([3.0, -1.0])))
-    np.testing.assert_allclose(posture_at(postures, 0.05), [0.5, 0.0])
-    np.testing.assert_allclose(posture_at(postures, 0.15), [2.0, -1.0])
-    np.testing.assert_array_equal(posture_at(postures, -1.0), [0.0, 1.0])
-    np.testing.assert_array_equal(posture_at(postures, 1.0), [3.0, -1.0])
-
-
-def test_link_poses_are_those_of_the_dynamics(lwr4):
-    for q, v in states(lwr4, 3):
-        R_WL, p_WL = link_poses(lwr4, q)
-        terms = evaluate_dynamics(lwr4, q, v)
-        np.testing.assert_allclose(R_WL, terms.R_WL, atol=1e-15)
-        np.testing.assert_allclose(p_WL, terms.p_WL, atol=1e-15)
+    np.testing.assert_allclose(sample_at(postures, 0.05), [0.5, 0.0])
+    np.testing.assert_allclose(sample_at(postures, 0.15), [2.0, -1.0])
+    np.testing.assert_array_equal(sample_at(postures, -1.0), [0.0, 1.0])
+    np.testing.assert_array_equal(sample_at(postures, 1.0), [3.0, -1.0])

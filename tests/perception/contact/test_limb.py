@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from saphari_drake.math.primitives import CAPSULE
+from saphari_drake.math.primitives import CAPSULE, Primitives
 from saphari_drake.perception.contact import limb as kernels
 
 # One link: a capsule along y before the camera at 1.5 m.
-KIND, SIZE, LINK = np.array([CAPSULE]), np.array([[0.06, 0.3, 0.0]]), np.array([2])
-R_CS, P_CS = np.array([[[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]]), np.array([[0.0, 0.0, 1.5]])
+SHAPES = Primitives(
+    np.array([CAPSULE]), np.array([[0.06, 0.3, 0.0]]), np.array([2]), np.array([[[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]]),
+    np.array([[0.0, 0.0, 1.5]]),
+)  # fmt: skip
 
 
 def near_side(c, u, radius, rng, half=0.12, count=400, sigma=0.0):
@@ -89,7 +91,7 @@ def test_side_of_a_limb_touches_where_it_crosses_the_link(angle):
     turn = np.deg2rad(angle)
     u = np.array([np.sin(turn), np.cos(turn), 0.0])
     c = np.array([0.0, 0.07, 1.5 - 0.06 - 0.04]) + 0.03 * u
-    link, p, d = kernels.limb_contact(KIND, SIZE, LINK, R_CS, P_CS, c, u, 0.04, -0.12, 0.12, 0.003)
+    link, p, d = kernels.limb_contact(SHAPES, kernels.Limb(c, u, 0.04, -0.12, 0.12), 0.003)
     assert link == 2
     assert d == pytest.approx(0.04, abs=1e-4)
     np.testing.assert_allclose(p, [0.0, 0.07, 1.44], atol=2e-3)
@@ -98,7 +100,7 @@ def test_side_of_a_limb_touches_where_it_crosses_the_link(angle):
 def test_end_of_a_limb_goes_on_until_it_touches():
     u = np.array([0.0, 0.0, 1.0])
     c = np.array([0.0, 0.05, 1.2])
-    link, p, d = kernels.limb_contact(KIND, SIZE, LINK, R_CS, P_CS, c, u, 0.04, -0.1, 0.22, 0.003)
+    link, p, d = kernels.limb_contact(SHAPES, kernels.Limb(c, u, 0.04, -0.1, 0.22), 0.003)
     assert link == 2
     assert d == pytest.approx(0.04, abs=1e-3)
     np.testing.assert_allclose(p, [0.0, 0.05, 1.44], atol=1e-3)
@@ -106,7 +108,7 @@ def test_end_of_a_limb_goes_on_until_it_touches():
 
 def test_limb_far_away_does_not_touch():
     u = np.array([0.0, 0.0, 1.0])
-    _, _, d = kernels.limb_contact(KIND, SIZE, LINK, R_CS, P_CS, np.array([0.0, 0.0, 1.0]), u, 0.04, -0.1, 0.1, 0.003)
+    _, _, d = kernels.limb_contact(SHAPES, kernels.Limb(np.array([0.0, 0.0, 1.0]), u, 0.04, -0.1, 0.1), 0.003)
     assert d > 0.2
 
 

@@ -1,30 +1,349 @@
-"""The fusion finds contacts that cameras see and those they do not, says what is ambiguous, and keeps its state."""
+"""The localizer in a diagram: time stamps, several cameras, hidden contacts, and what cannot be used."""
+
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from bench import Bench
-from experiments.localization.scenes import ContactScenes, SceneParameters
+from bench import Bench as SystemBench
+from camera_scene import HandScene, likeliest, noisy, place_finder
+from experiments.localization.parameters import SceneParameters
+from experiments.localization.pushes import forces
+from experiments.localization.scenes import ContactScenes
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ImageDepth32F
-from scipy.spatial.distance import cdist
 
-from saphari_drake.errors import ParameterError, StateError
-from saphari_drake.math.friction_cone import cone_minimum
+from saphari_drake.errors import ParameterError
+from saphari_drake.messages import CameraStatus, ContactPoint
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact import evidence as kernels
-from saphari_drake.perception.contact.candidates import inner_sizes, smooth_normal, surface_candidates
-from saphari_drake.perception.contact.law import ContactFusionLaw, FusionParameters
-from saphari_drake.perception.contact.localizer import ContactFusion
-from saphari_drake.perception.contact.refinement import refine
-from saphari_drake.perception.contact.vision import ContactVision, LocalizerParameters
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.robots.dynamics import evaluate_dynamics
-
-DARK = [None]
+from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
 
 
 @pytest.fixture(scope="module")
-def law(lwr4):
-    vision = ContactVision(lwr4.shapes, CameraParameters(), LocalizerParameters())
-    return ContactFusionLaw(lwr4, [vision], FusionParameters(torque_sigma=0.05))
+def scene():
+    return HandScene(radius=0.010)
+
+
+@pytest.fixture(scope="module")
+def finder(scene):
+    return place_finder(scene)
+
+
+class Bench:
+    """The system alone, its inputs set by hand."""
+
+    def __init__(self, scene, **params):
+        self.system = ContactLocalizer(scene.robot, [scene.camera], LocalizerParameters(**params))
+        self.simulator = Simulator(self.system)
+        self.context = self.simulator.get_mutable_context()
+        self.set("position_measured", scene.robot.home)
+        self.frame(np.zeros((480, 640), np.float32), -1.0)
+
+    def set(self, port, value):
+        self.system.GetInputPort(port).FixValue(self.context, value)
+
+    def frame(self, image, stamp):
+        value = ImageDepth32F(640, 480)
+        value.mutable_data[..., 0] = image
+        self.set("depth_image", AbstractValue.Make(value))
+        self.set("image_time", [stamp])
+
+    def advance(self, time):
+        self.simulator.AdvanceTo(time)
+
+    def get(self, port):
+        value = self.system.GetOutputPort(port).Eval(self.context)
+        return CameraStatus(int(value[0])) if port == "camera_status" else value
+
+
+@pytest.fixture(scope="module")
+def bench_scene(scene):
+    touch = scene.random_touch(np.random.default_rng(21))
+    return scene, touch, scene.image(touch.q, touch)
+
+
+def test_posture_at_the_time_stamp_counts_not_the_present_one(bench_scene, finder):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    speed = np.array([0.8, 0.0, 0.8, 0.0, 0.0, 0.0, 0.0])
+    for step in range(1, 21):  # the posture of the image at 0.0525 s, between two samples
+        time = 0.005 * step
+        bench.set("position_measured", touch.q + speed * (time - 0.0525))
+        if step == 20:
+            bench.frame(image, 0.0525)
+        bench.advance(time + 0.001)
+    contact = bench.get("contact_point")
+    expected, _ = likeliest(finder, image, touch)
+    late = touch._replace(**dict(zip(("R_WL", "p_WL"), scene.poses(touch.q + speed * 0.0475))))
+    stale, _ = likeliest(finder, image, late)
+    assert contact.found and contact.link == expected.link
+    assert contact.stamp == 0.0525
+    np.testing.assert_allclose(contact.p_LC, expected.p_LC, atol=1e-4)
+    assert stale.link != contact.link or np.linalg.norm(stale.p_LC - expected.p_LC) > 3e-3
+
+
+def test_residual_of_the_frame_s_own_time_moves_the_point(bench_scene, finder):
+    """A force beside the seen point draws it there; one that is felt only after the frame was taken does not."""
+    scene, touch, image = bench_scene
+    seen, _ = likeliest(finder, image, touch)
+    terms = evaluate_dynamics(scene.robot, touch.q, np.zeros(7))
+    side = np.cross(seen.n_L, [0.3, 0.5, 0.8])
+    beside, n_L = scene.robot.shapes.nearest_on(seen.link, seen.p_LC + 0.008 * side / np.linalg.norm(side))
+    r = terms.point(seen.link, beside).Jv_WC.T @ (-30.0 * terms.R_WL[seen.link] @ n_L)
+
+    def point(changes):
+        bench = Bench(scene, torque_sigma=0.01)
+        bench.set("position_measured", touch.q)
+        for time, value in changes:
+            bench.advance(time)
+            bench.set("torque_external", value)
+        bench.advance(0.05)
+        bench.frame(image, 0.02)
+        bench.advance(0.06)
+        return bench.get("contact_point").p_LC
+
+    felt, late = point([(0.0, r)]), point([(0.0, np.zeros(7)), (0.03, r)])
+    np.testing.assert_allclose(late, seen.p_LC, atol=1e-4)
+    assert np.linalg.norm(felt - beside) < np.linalg.norm(seen.p_LC - beside) - 0.001
+
+
+def test_each_frame_is_used_once_and_then_held(bench_scene):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.frame(image, 0.0)
+    bench.advance(0.006)
+    first = bench.get("contact_point")
+    assert first.found
+    bench.frame(np.zeros_like(image), 0.0)  # another image, but no new time stamp
+    bench.advance(0.03)
+    assert bench.get("contact_point").stamp == first.stamp
+    np.testing.assert_array_equal(bench.get("contact_point").p_LC, first.p_LC)
+
+
+def test_status_goes_from_waiting_to_stale_within_a_tenth_of_a_second(bench_scene):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.advance(0.05)
+    assert bench.get("camera_status") == CameraStatus.WAITING
+    bench.advance(0.1)
+    assert bench.get("camera_status") == CameraStatus.STALE
+    bench.frame(image, 0.1)
+    bench.advance(0.11)
+    assert bench.get("camera_status") == CameraStatus.OK
+    assert bench.get("contact_point").found
+    assert len(bench.get("human_points")) > 0
+    bench.advance(0.18)
+    assert bench.get("camera_status") == CameraStatus.OK
+    bench.advance(0.2)
+    assert bench.get("camera_status") == CameraStatus.STALE
+    assert not bench.get("contact_point").found
+    assert len(bench.get("human_points")) == 0
+
+
+def test_frames_without_readings_are_invalid(bench_scene):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.frame(image, 0.0)
+    bench.advance(0.01)
+    assert bench.get("camera_status") == CameraStatus.OK
+    bench.frame(np.full_like(image, np.nan), 0.033)
+    bench.advance(0.05)
+    assert bench.get("camera_status") == CameraStatus.INVALID
+    assert not bench.get("contact_point").found
+    bench.frame(image, 0.05)
+    bench.advance(0.07)
+    assert bench.get("camera_status") == CameraStatus.OK
+
+
+@pytest.mark.parametrize("stamp", [0.05, 0.6, np.nan, np.inf])
+def test_frames_from_long_ago_or_the_future_are_not_used(bench_scene, stamp):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.advance(0.4)
+    bench.frame(image, stamp)
+    bench.advance(0.5)
+    assert bench.get("camera_status") == CameraStatus.STALE
+    assert not bench.get("contact_point").found
+
+
+def test_posture_that_is_not_finite_is_invalid_until_it_is_known_again(bench_scene):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.frame(image, 0.0)
+    bench.advance(0.011)
+    assert bench.get("contact_point").found
+    bench.set("position_measured", np.full(scene.robot.n, np.nan))
+    bench.advance(0.016)
+    bench.frame(image, 0.015)
+    bench.advance(0.021)
+    assert bench.get("camera_status") == CameraStatus.INVALID
+    assert not bench.get("contact_point").found
+    assert len(bench.get("human_points")) == 0
+    bench.set("position_measured", touch.q)
+    bench.advance(0.035)
+    bench.frame(image, 0.035)
+    bench.advance(0.041)
+    assert bench.get("camera_status") == CameraStatus.OK
+    assert bench.get("contact_point").found
+
+
+@pytest.mark.parametrize("size", [(320, 240), (480, 640), (1, 1)])
+def test_image_of_another_size_is_invalid(bench_scene, size):
+    scene, touch, image = bench_scene
+    bench = Bench(scene)
+    bench.set("position_measured", touch.q)
+    bench.frame(image, 0.0)
+    bench.advance(0.011)
+    other = ImageDepth32F(*size)
+    other.mutable_data[:] = 1.0
+    bench.set("depth_image", AbstractValue.Make(other))
+    bench.set("image_time", [0.01])
+    bench.advance(0.021)
+    assert bench.get("camera_status") == CameraStatus.INVALID
+    assert not bench.get("contact_point").found
+
+
+def test_residual_that_is_not_finite_counts_as_none(bench_scene):
+    scene, touch, image = bench_scene
+    points = []
+    for r in (None, np.full(scene.robot.n, np.nan), np.full(scene.robot.n, np.inf)):
+        bench = Bench(scene)
+        bench.set("position_measured", touch.q)
+        if r is not None:
+            bench.set("torque_external", r)
+        bench.frame(image, 0.0)
+        bench.advance(0.011)
+        points.append(bench.get("contact_point").p_LC)
+    np.testing.assert_array_equal(points[1], points[0])
+    np.testing.assert_array_equal(points[2], points[0])
+
+
+def test_another_link_must_be_seen_twice(scene, finder):
+    """The point stays on the first link for one frame of a hand on another one, and then follows."""
+    rng = np.random.default_rng(31)
+    first = scene.random_touch(rng)
+    other = scene.random_touch(rng)
+    while other.link == first.link:
+        other = scene.random_touch(rng)
+    bench = Bench(scene)
+    links = []
+    for k, touch in enumerate([first, first, other, first, other, other]):
+        bench.set("position_measured", touch.q)
+        bench.advance(0.033 * k + 0.006)
+        bench.frame(scene.image(touch.q, touch), bench.context.get_time())
+        bench.advance(0.033 * k + 0.016)
+        contact = bench.get("contact_point")
+        assert contact.found
+        links.append(contact.link)
+    assert links == [first.link] * 5 + [other.link]
+
+
+def test_point_is_smoothed_while_the_contact_lasts_and_starts_anew_after(bench_scene):
+    scene, touch, image = bench_scene
+
+    def track(frames, **params):
+        bench = Bench(scene, **params)
+        bench.set("position_measured", touch.q)
+        points = []
+        for k, frame in enumerate(frames):
+            bench.frame(frame, k / 30.0)
+            bench.advance(k / 30.0 + 0.012)
+            contact = bench.get("contact_point")
+            points.append(contact.p_LC if contact.found else np.full(3, np.nan))
+        return np.array(points)
+
+    frames = [noisy(image, seed) for seed in range(15)]
+    smooth, rough = track(frames), track(frames, slide=10.0)
+    np.testing.assert_allclose(smooth[0], rough[0], atol=1e-9)
+    assert np.linalg.norm(np.diff(smooth, axis=0), axis=1).mean() < 0.5 * (
+        np.linalg.norm(np.diff(rough, axis=0), axis=1).mean()
+    )
+    lost = [*frames[:5], noisy(scene.image(touch.q), 90), *frames[5:7]]
+    smooth, rough = track(lost), track(lost, slide=10.0)
+    assert np.all(np.isnan(smooth[5]))
+    np.testing.assert_allclose(smooth[6], rough[6], atol=1e-9)
+
+
+def closed_diagram(scene, image, **sampler):
+    """Sampler and localizer with a constant image and posture."""
+    builder = DiagramBuilder()
+    frames = builder.AddSystem(DepthCameraSampler(scene.camera, SamplerParameters(**sampler)))
+    localizer = builder.AddSystem(ContactLocalizer(scene.robot, [scene.camera]))
+    for port in ("depth_image", "image_time"):
+        builder.Connect(frames.GetOutputPort(port), localizer.GetInputPort(port))
+    builder.ExportInput(frames.GetInputPort("depth_image"), "image")
+    builder.ExportInput(localizer.GetInputPort("position_measured"), "position")
+    return builder.Build(), localizer
+
+
+def fixed(diagram, image, q):
+    simulator = Simulator(diagram)
+    value = ImageDepth32F(640, 480)
+    value.mutable_data[..., 0] = image
+    diagram.GetInputPort("image").FixValue(simulator.get_mutable_context(), AbstractValue.Make(value))
+    diagram.GetInputPort("position").FixValue(simulator.get_mutable_context(), q)
+    return simulator
+
+
+def contact_of(localizer, root) -> ContactPoint:
+    return localizer.GetOutputPort("contact_point").Eval(localizer.GetMyContextFromRoot(root))
+
+
+def test_cloned_context_gives_the_same_contact(bench_scene):
+    scene, touch, image = bench_scene
+    diagram, localizer = closed_diagram(scene, image)
+    simulator = fixed(diagram, image, touch.q)
+    simulator.AdvanceTo(0.1)
+    clone = simulator.get_context().Clone()
+    simulator.AdvanceTo(0.25)
+    Simulator(diagram, clone).AdvanceTo(0.25)
+    a, b = contact_of(localizer, simulator.get_context()), contact_of(localizer, clone)
+    assert a.found and a.stamp == b.stamp > 0.15
+    np.testing.assert_array_equal(a.p_LC, b.p_LC)
+
+
+@pytest.mark.parametrize(("fault", "status"), [("silent", CameraStatus.STALE), ("invalid", CameraStatus.INVALID)])
+def test_faults_of_the_camera_show_within_a_tenth_of_a_second(bench_scene, fault, status):
+    scene, touch, image = bench_scene
+    diagram, localizer = closed_diagram(scene, image, fault=fault, fault_time=0.199)
+    simulator = fixed(diagram, image, touch.q)
+    port = localizer.GetOutputPort("camera_status")
+    simulator.AdvanceTo(0.199)
+    assert port.Eval(localizer.GetMyContextFromRoot(simulator.get_context()))[0] == CameraStatus.OK
+    last_delivery = 5.0 / 30.0 + 0.01
+    simulator.AdvanceTo(last_delivery + 0.1)
+    assert port.Eval(localizer.GetMyContextFromRoot(simulator.get_context()))[0] == status
+    assert not contact_of(localizer, simulator.get_context()).found
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("least_seen", -0.1),
+        ("gate", 0.2),
+        ("timeout", np.nan),
+        ("least_thickness", -0.001),
+        ("most_thickness", 0.001),
+    ],
+)
+def test_bad_parameters_are_named(field, value):
+    with pytest.raises(ParameterError) as error:
+        LocalizerParameters(**{field: value})
+    assert error.value.field == field
+
+
+# ---- with fusion ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -32,175 +351,20 @@ def scenes(lwr4):
     return ContactScenes(lwr4, [CameraParameters()], SceneParameters(hands=2))
 
 
-def touched(terms, link, p_L, F):
-    return terms.point(link, p_L).Jv_WC.T @ F
-
-
-def at(terms, mode):
-    return terms.p_WL[mode.link] + terms.R_WL[mode.link] @ mode.p_L
-
-
-def push(law, q, k, tilt=0.2, size=25.0):
-    """Kinematics, force and residual of a push on candidate k."""
-    terms, c = evaluate_dynamics(law.robot, q, np.zeros(7)), law.candidates
-    link = int(c.link[k])
-    inward = -terms.R_WL[link] @ c.n_L[k]
-    F = size * (inward + tilt * np.cross(inward, [0.6, 0.0, 0.8]))
-    return terms, F, touched(terms, link, c.p_L[k], F)
-
-
-def test_candidates_lie_evenly_on_the_surface(lwr4):
-    c = surface_candidates(lwr4)
-    assert 1600 < len(c.link) < 1800
-    assert set(c.link) == {1, 2, 3, 4, 5, 6}
-    for link in range(1, 7):
-        p = c.p_L[c.link == link]
-        gaps = np.sort(cdist(p, p), axis=1)[:, 1]
-        assert 0.5 * c.spacing < gaps.min() and gaps.max() < 2.0 * c.spacing
-
-
-def test_cost_equals_its_plain_twin(law):
-    rng, c, p = np.random.default_rng(0), law.candidates, law.params
-    terms, _, r = push(law, law.robot.home, 900)
-    x, a = kernels.pose_points(c.link, c.p_L, c.n_L, terms.R_WL, terms.p_WL)
-    cost = sum(kernels.residual_costs(terms.parent, terms.S, c.link, x, a, r, 0.05, 30.0, 0.5, 0.0))
-    for k in [int(np.argmin(cost)), *rng.integers(len(cost), size=20)]:
-        J = terms.point(int(c.link[k]), c.p_L[k]).Jv_WC
-        H = J @ J.T + (0.05 / 30.0) ** 2 * np.eye(3)
-        F = np.linalg.solve(H, J @ r)
-        spread = np.linalg.slogdet(H / (0.05 / 30.0) ** 2)[1]
-        free = (np.sum((r - J.T @ F) ** 2) + (0.05 / 30.0) ** 2 * F @ F) / 0.05**2 + spread
-        along = F @ a[k]
-        if along > 0.0 and np.linalg.norm(F - along * a[k]) <= p.friction * along:
-            assert cost[k] == pytest.approx(free, rel=1e-6, abs=1e-3)
-        else:
-            assert cost[k] >= free - 1e-3
-
-
-def test_refined_point_costs_no_more_than_any_near_it(law):
-    """The twin: the window's cost written out, searched over a fine net of surface points around the start."""
-    rng, c, p, s = np.random.default_rng(3), law.candidates, law.params, law.robot.shapes
-    for k in np.flatnonzero(c.link == 4)[::60]:
-        terms, _, r = push(law, law.robot.home, k)
-        frames = np.array([r + 0.02 * rng.normal(size=7) for _ in range(2)])
-        weight, link = np.array([0.9, 1.0]), int(c.link[k])
-        S, R_WL, p_WL = (np.repeat(a[None], 2, axis=0) for a in (terms.S, terms.R_WL, terms.p_WL))
-        anchor = law.visions[0].on_surface(link, c.p_L[k] + 0.01 * rng.normal(size=3))[0]
-
-        def cost(p_L, n_L, terms=terms, frames=frames, weight=weight, link=link, anchor=anchor):
-            J, a = terms.point(link, p_L).Jv_WC, -terms.R_WL[link] @ n_L
-            H = J @ J.T + (p.torque_sigma / p.force_scale) ** 2 * np.eye(3)
-            total, F = np.sum((p_L - anchor) ** 2) / 0.005**2, np.empty(3)
-            for w, r in zip(weight, frames):
-                total += w * (r @ r + cone_minimum(H, J @ r, a, p.friction, F)) / p.torque_sigma**2
-            spread = np.linalg.slogdet(H * (p.force_scale / p.torque_sigma) ** 2)[1]
-            return total + spread * (1.0 + p.again * (np.sum(weight) - 1.0))
-
-        found, normal, least = refine(
-            terms.parent, S, R_WL, p_WL, frames, weight, s.kind, s.size, inner_sizes(s), s.R_LS, s.p_LS,
-            s.link == link, link, c.p_L[k], c.n_L[k], anchor, 0.005, p.torque_sigma, p.force_scale, p.friction,
-            p.again, law._steps,
-        )  # fmt: skip
-        assert least == pytest.approx(cost(found, normal), rel=1e-6, abs=1e-3)
-        assert least <= cost(c.p_L[k], c.n_L[k]) + 1e-6
-        net = [law.visions[0].on_surface(link, found + 0.004 * rng.normal(size=3))[0] for _ in range(60)]
-        best = min(net, key=lambda q: cost(q, smooth_normal(s, link, q)))
-        if cost(best, smooth_normal(s, link, best)) < least:
-            assert np.linalg.norm(best - found) < 0.012  # a pattern search stops within its finest steps
-
-
-def test_share_of_free_space_equals_its_plain_twin(law):
-    rng, c, vision = np.random.default_rng(4), law.candidates, law.visions[0]
-    terms = evaluate_dynamics(law.robot, law.robot.home, np.zeros(7))
-    x, a = kernels.pose_points(c.link, c.p_L, c.n_L, terms.R_WL, terms.p_WL)
-    depth = rng.uniform(1.0, 2.5, (480, 640)).astype(np.float32)
-    depth[rng.random(depth.shape) < 0.2] = 0.0
-    R, p = vision.pose
-    fx, fy, cx, cy = vision.pinhole
-    free = np.zeros(len(x))
-    kernels.share_free(x, a, depth, R, p, fx, fy, cx, cy, 0.03, law._lifts, free)
-    plain = np.zeros(len(x))
-    for lift in law._lifts:
-        q = (x - lift * a - p) @ R
-        column, row = (q[:, :2] / q[:, 2:] * [fx, fy] + [cx, cy]).T
-        inside = (q[:, 2] > 0) & (column >= 0) & (column < 640) & (row >= 0) & (row < 480)
-        at = depth[np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)]
-        plain += inside & (at > q[:, 2] + 0.03) & (at > 0.0)
-    np.testing.assert_allclose(free, plain / len(law._lifts), atol=1e-12)
-    assert 0.05 < np.mean(free > 0.0) < 1.0
-
-
-def test_hidden_contact_is_found_from_the_residual_alone(law):
-    """On the last links the residual shows all of the force's line."""
-    rng, errors = np.random.default_rng(1), []
-    for k in np.flatnonzero(law.candidates.link >= 5)[::25]:
-        q = law.robot.home + rng.uniform(-0.4, 0.4, 7)
-        terms, _, r = push(law, q, k)
-        memory = law.empty()
-        for _ in range(6):
-            memory = law.remember(memory, law.evidence(q, r + 0.05 * rng.normal(size=7), DARK))
-        mode = law.decide(memory).modes[0]
-        errors.append(np.linalg.norm(at(terms, mode) - terms.p_WL[law.candidates.link[k]]
-                                     - terms.R_WL[law.candidates.link[k]] @ law.candidates.p_L[k]))  # fmt: skip
-    assert np.median(errors) < 0.006
-    assert np.mean(np.array(errors) < 0.02) > 0.8
-
-
-def test_frames_with_different_forces_tell_more_than_one(law):
-    rng, first, last = np.random.default_rng(2), [], []
-    for k in np.flatnonzero(law.candidates.link == 3)[::40]:
-        q, memory = law.robot.home + rng.uniform(-0.4, 0.4, 7), law.empty()
-        for frame in range(8):
-            terms, _, r = push(law, q, k, tilt=0.4 * np.sin(frame), size=25.0 + 5.0 * np.cos(2.0 * frame))
-            memory = law.remember(memory, law.evidence(q, r + 0.05 * rng.normal(size=7), DARK))
-            true = terms.p_WL[3] + terms.R_WL[3] @ law.candidates.p_L[k]
-            (first if frame == 0 else last if frame == 7 else []).append(
-                np.linalg.norm(at(terms, law.decide(memory).modes[0]) - true)
-            )
-    assert np.median(last) < np.median(first)
-
-
-def test_two_explanations_are_reported_as_ambiguous(law):
-    """A push on link 3 without friction makes a torque that many points explain."""
-    k = int(np.flatnonzero(law.candidates.link == 2)[10])
-    _, _, r = push(law, law.robot.home, k, tilt=0.3)
-    result = law.decide(law.remember(law.empty(), law.evidence(law.robot.home, r, DARK)))
-    assert result.second is not None
-    assert result.second_weight > 0.02
-
-
-def test_weak_residual_is_no_contact(law):
-    memory = law.remember(law.empty(), law.evidence(law.robot.home, np.full(7, 0.01), DARK))
-    assert law.decide(memory).modes == []
-    assert law.decide(law.empty()).modes == []
-
-
-def seen_touch(scenes, law, seed):
+def seen_touch(scenes, seed):
     rng = np.random.default_rng(seed)
     while True:
         touch = scenes.draw(rng, int(rng.integers(3, 6)), "finger")
         image = scenes.images([touch], touch.q)[0]
         if scenes.visible(image, 0, touch, touch.q):
             terms = scenes.poses(touch.q)
-            F = terms.R_WL[touch.link] @ scenes.forces(rng, touch, 1)[0]
-            return touch, image, terms, F, touched(terms, touch.link, touch.p_L, F)
-
-
-def test_seen_contact_and_force(scenes, law):
-    errors, force_errors = [], []
-    for seed in range(8):
-        touch, image, terms, F, r = seen_touch(scenes, law, seed)
-        result = law.decide(law.remember(law.empty(), law.evidence(touch.q, r, [image])))
-        errors.append(np.linalg.norm(at(terms, result.modes[0]) - terms.p_WL[touch.link]
-                                     - terms.R_WL[touch.link] @ touch.p_L))  # fmt: skip
-        force_errors.append(np.linalg.norm(result.forces[0] - F) / np.linalg.norm(F))
-    assert np.median(errors) < 0.006
-    assert np.median(force_errors) < 0.1
+            F = terms.R_WL[touch.link] @ forces(rng, touch, 1, scenes.params)[0]
+            return touch, image, terms, F, terms.point(touch.link, touch.p_L).Jv_WC.T @ F
 
 
 @pytest.fixture(scope="module")
 def system(lwr4):
-    return ContactFusion(lwr4, [CameraParameters()], FusionParameters(torque_sigma=0.05))
+    return ContactLocalizer(lwr4, [CameraParameters()], fusion=FusionParameters(torque_sigma=0.05))
 
 
 def frame(image):
@@ -209,9 +373,9 @@ def frame(image):
     return value
 
 
-def test_system_finds_holds_and_clones(system, scenes, law):
-    touch, image, _, F, r = seen_touch(scenes, law, 3)
-    bench = Bench(system, position_measured=touch.q, residual=r, depth_image_0=frame(image), image_time_0=0.0)
+def test_fusion_finds_holds_and_clones(system, scenes):
+    touch, image, _, F, r = seen_touch(scenes, 3)
+    bench = SystemBench(system, position_measured=touch.q, residual=r, depth_image=frame(image), image_time=0.0)
     bench.run(2)
     contact = bench.read("contact_point")
     assert contact.found and contact.link == touch.link
@@ -221,23 +385,122 @@ def test_system_finds_holds_and_clones(system, scenes, law):
     assert not bench.read("second_contact_point").found
     clone = bench.clone()
     for other in (bench, clone):
-        other.run(4, image_time_0=0.01)
+        other.run(4, image_time=0.01)
     np.testing.assert_array_equal(bench.read("contact_point").p_LC, clone.read("contact_point").p_LC)
     bench.run(40)
     assert bench.read("camera_status") == 2.0  # stale
     assert not bench.read("contact_point").found
 
 
-def test_bad_input_is_named(lwr4, system, scenes):
+def test_fusion_without_a_finite_residual_knows_what_is_seen_and_no_force(system, scenes):
+    touch, image, _, _, r = seen_touch(scenes, 3)
+    bench = SystemBench(
+        system, position_measured=touch.q, residual=r * np.nan, depth_image=frame(image), image_time=0.0
+    )
+    bench.run(2)
+    contact = bench.read("contact_point")
+    assert contact.found and np.linalg.norm(contact.p_LC - touch.p_L) < 0.02
+    np.testing.assert_allclose(bench.read("contact_force"), np.zeros(3), atol=1e-9)
+    bench.run(1, position_measured=np.full(7, np.nan))
+    bench.run(1, image_time=0.013)
+    assert bench.read("camera_status") == CameraStatus.INVALID
+    assert not bench.read("contact_point").found
+
+
+# ---- several cameras -----------------------------------------------------------------------------------------------
+
+
+def two_cameras(scene, touch, image, **inputs):
+    """A bench with the scene's camera and one that looks away."""
+    away = CameraParameters(target=[-3.0, 0.0, 1.1])
+    system = ContactLocalizer(scene.robot, [scene.camera, away], LocalizerParameters(least_seen=0.0))
+    nothing = frame(np.full((480, 640), np.inf))
+    return SystemBench(
+        system, position_measured=touch.q, depth_image_0=frame(image), image_time_0=-1.0, depth_image_1=nothing,
+        image_time_1=-1.0, **inputs,
+    )  # fmt: skip
+
+
+def test_camera_that_sees_the_contact_counts(bench_scene):
+    """As one camera alone finds it; frames of the other one, later or at once, do not end the contact."""
+    scene, touch, image = bench_scene
+    alone = Bench(scene)
+    alone.set("position_measured", touch.q)
+    alone.frame(image, 0.0)
+    alone.advance(0.011)
+    bench = two_cameras(scene, touch, image)
+    bench.run(2, image_time_0=0.0, image_time_1=0.0)
+    np.testing.assert_array_equal(bench.read("contact_point").p_LC, alone.get("contact_point").p_LC)
+    np.testing.assert_array_equal(bench.read("human_points"), alone.get("human_points"))
+    bench.run(2, image_time_1=0.012)
+    assert bench.read("contact_point").found
+    bench.run(2, depth_image_0=frame(scene.image(touch.q)), image_time_0=0.022)
+    assert not bench.read("contact_point").found
+
+
+def test_status_is_that_of_the_worst_camera_and_the_others_go_on(bench_scene):
+    scene, touch, image = bench_scene
+    bench = two_cameras(scene, touch, image)
+    bench.run(2, image_time_0=0.0)
+    assert bench.read("camera_status") == CameraStatus.WAITING
+    for k in range(1, 20):
+        bench.run(2, image_time_0=0.01 * k)
+    assert bench.read("camera_status") == CameraStatus.STALE
+    assert bench.read("contact_point").found
+    bench.run(40)
+    assert not bench.read("contact_point").found
+
+
+def test_bad_arguments_are_named(scene):
     for field, value in (("memory", 1.5), ("rcond", 0.0), ("free_to", 0.01), ("felt", np.nan)):
         with pytest.raises(ParameterError) as error:
             FusionParameters(**{field: value})
         assert error.value.field == field
     with pytest.raises(ParameterError, match="cameras"):
-        ContactFusion(lwr4, [])
+        ContactLocalizer(scene.robot, [])
     with pytest.raises(ParameterError, match="backgrounds"):
-        ContactFusion(lwr4, [CameraParameters()], backgrounds=[None, None])
-    bench = Bench(system, position_measured=lwr4.home, residual=np.full(7, np.nan), image_time_0=-1.0,
-                  depth_image_0=frame(np.zeros((480, 640))))  # fmt: skip
-    with pytest.raises(StateError, match="residual"):
-        bench.run(1)
+        ContactLocalizer(scene.robot, [scene.camera], backgrounds=[None, None])
+    with pytest.raises(ParameterError, match="background"):
+        ContactLocalizer(scene.robot, [scene.camera], backgrounds=[np.zeros((3, 3), np.float32)])
+    with pytest.raises(ParameterError, match="period"):
+        ContactLocalizer(scene.robot, [scene.camera], period=0.0)
+
+
+FRESH = """
+import sys
+import numpy as np
+from bench import Bench
+from camera_scene import HandScene
+from numba.core.dispatcher import Dispatcher
+from pydrake.systems.sensors import ImageDepth32F
+from saphari_drake.perception.contact.localizer import ContactLocalizer
+from saphari_drake.perception.contact.parameters import FusionParameters
+
+def compiled():
+    modules = [module for name, module in sys.modules.items() if name.startswith("saphari_drake.")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
+    return {k.py_func.__qualname__: len(k.signatures) for k in kernels.values()}
+
+scene = HandScene(radius=0.010)
+touch = scene.random_touch(np.random.default_rng(21))
+image = ImageDepth32F(640, 480)
+image.mutable_data[..., 0] = scene.image(touch.q, touch)
+for fusion in (None, FusionParameters()):
+    system = ContactLocalizer(scene.robot, [scene.camera], fusion=fusion)
+    before = compiled()
+    residual = np.full(scene.robot.n, 20.0)
+    bench = Bench(system, position_measured=touch.q, residual=residual, depth_image=image, image_time=0.0)
+    for time in (0.0, 0.01, 0.02):
+        bench.run(2, image_time=time)
+    assert bench.read("contact_point").found
+    after = compiled()
+    late = {name: (before[name], after[name]) for name in before if after[name] != before[name]}
+    assert not late, late
+"""
+
+
+def test_nothing_is_compiled_after_construction():
+    """In a new process: a touch needs no kernel, and no kind of argument, that construction has not prepared."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([sys.executable, "-c", FRESH], capture_output=True, text=True, env=environment)
+    assert ended.returncode == 0, ended.stderr

@@ -5,28 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saphari_drake.math.primitives import nearest_surface_point
-from saphari_drake.perception.contact.correction import corrected_point, instant
+from saphari_drake.perception.camera.frames import instant
+from saphari_drake.perception.contact.correction import corrected_point
 from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.perception.contact.places import Place, shape_costs
 from saphari_drake.perception.contact.track import ContactTrack, ContactTracker
-from saphari_drake.perception.contact.vision import Localization, shape_costs
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 LINK = 4
-NOBODY = np.zeros((0, 3))
-
-
-def on_surface(robot):
-    s = robot.shapes
-
-    def nearest(link, p_L):
-        return nearest_surface_point(s.kind, s.size, s.R_LS, s.p_LS, s.link == link, np.asarray(p_L, dtype=float))[2:]
-
-    return nearest
 
 
 def surface(robot, link, towards=(0.3, 0.0, 0.05)):
-    return on_surface(robot)(link, np.array(towards))
+    return robot.shapes.nearest_on(link, np.array(towards))
 
 
 def residual(robot, link, p_L, F_W):
@@ -35,7 +25,7 @@ def residual(robot, link, p_L, F_W):
 
 
 def place(link, p_L, n_L, distance=0.010, gap=np.inf, cost=0.0):
-    return Localization(link, distance, p_L, n_L, 1.0, NOBODY, 0.005, gap, cost)
+    return Place(link, distance, p_L, n_L, 0.005, gap, cost)
 
 
 class Frames:
@@ -43,7 +33,7 @@ class Frames:
 
     def __init__(self, robot, **params):
         self.robot, self.track, self.count = robot, ContactTrack(), 0
-        self.tracker = ContactTracker(robot, LocalizerParameters(**params), on_surface(robot))
+        self.tracker = ContactTracker(robot, LocalizerParameters(**params))
 
     def show(self, *seen, r=None):
         at = instant(self.robot, self.count / 30.0, self.robot.home, r)
@@ -87,9 +77,9 @@ def test_residual_moves_a_seen_point_to_where_the_force_is(lwr4, side):
     terms = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
     F_W = terms.R_WL[5] @ np.array([-28.0, 5.0, 8.0])
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, 5, p_L, F_W))
-    seen, n_seen = on_surface(lwr4)(5, p_L + 0.006 * np.array(side) / np.linalg.norm(side))
+    seen, n_seen = lwr4.shapes.nearest_on(5, p_L + 0.006 * np.array(side) / np.linalg.norm(side))
     moved, left = corrected_point(lwr4, at, at.r, 5, seen, n_seen, 0.01, 0.004)
-    assert np.linalg.norm(on_surface(lwr4)(5, moved)[0] - p_L) < 0.5 * np.linalg.norm(seen - p_L)
+    assert np.linalg.norm(lwr4.shapes.nearest_on(5, moved)[0] - p_L) < 0.5 * np.linalg.norm(seen - p_L)
     assert left < 3.0
 
 
@@ -103,9 +93,9 @@ def corrected_by_chance(robot, link, torque_sigma, point_sigma):
         F_W = -20.0 * (terms.R_WL[link] @ n_L) + rng.uniform(-5.0, 5.0, 3)
         r = terms.point(link, p_L).Jv_WC.T @ F_W + 0.02 * rng.normal(size=7)
         side = np.cross(n_L, rng.normal(size=3))
-        seen, n_seen = on_surface(robot)(link, p_L + 0.006 * rng.normal() * side / np.linalg.norm(side))
+        seen, n_seen = robot.shapes.nearest_on(link, p_L + 0.006 * rng.normal() * side / np.linalg.norm(side))
         moved, _ = corrected_point(robot, instant(robot, 0.0, q), r, link, seen, n_seen, torque_sigma, point_sigma)
-        corrected = on_surface(robot)(link, moved)[0]
+        corrected = robot.shapes.nearest_on(link, moved)[0]
         rows.append([np.linalg.norm(x) for x in (seen - p_L, corrected - p_L, moved - seen)])
     return np.array(rows).T
 
@@ -130,7 +120,7 @@ def test_what_the_residual_does_not_show_stays_as_it_is_seen(lwr4):
     """Two joints move link 2: force and point cannot both be told from them."""
     p_L, _ = surface(lwr4, 1, (0.3, 0.02, 0.0))
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, 1, p_L, [5.0, -20.0, 0.0]))
-    seen, n_seen = on_surface(lwr4)(1, p_L + [0.0, 0.008, 0.0])
+    seen, n_seen = lwr4.shapes.nearest_on(1, p_L + [0.0, 0.008, 0.0])
     moved, _ = corrected_point(lwr4, at, at.r, 1, seen, n_seen, 0.1, 0.004)
     assert np.linalg.norm(moved - seen) < 0.004
 
@@ -149,7 +139,7 @@ def test_residual_of_another_link_is_left_unexplained(lwr4):
 def hypotheses(robot, thin_cost, limb_cost):
     """A thin thing at the true point, and a limb 25 mm beside it."""
     p_L, n_L = surface(robot, LINK)
-    beside, n_beside = on_surface(robot)(LINK, p_L + [0.0, 0.025, 0.0])
+    beside, n_beside = robot.shapes.nearest_on(LINK, p_L + [0.0, 0.025, 0.0])
     return place(LINK, p_L, n_L, cost=thin_cost), place(LINK, beside, n_beside, gap=0.0, cost=limb_cost)
 
 
@@ -211,8 +201,7 @@ def test_what_was_seen_before_the_touch_does_not_count(lwr4):
 def test_nobody_near_is_no_contact(lwr4):
     frames = Frames(lwr4)
     assert frames.show(place(LINK, *surface(lwr4, LINK))).found
-    nobody = Localization(-1, np.inf, np.zeros(3), np.zeros(3), 1.0, NOBODY)
-    assert not frames.show(nobody).found
+    assert not frames.show().found
     assert not frames.show(place(LINK, *surface(lwr4, LINK), distance=0.05)).found
 
 

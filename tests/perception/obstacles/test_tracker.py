@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ImageDepth32F
 
-from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstacleStatus
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
@@ -48,7 +48,6 @@ def test_voxel_means_average_within_cubes():
     """Points of one cube become their mean; cubes with too few vanish; none stay none."""
     points = np.array([[0.01, 0.01, 0.01], [0.02, 0.02, 0.02], [0.5, 0.5, 0.5]])
     np.testing.assert_allclose(voxel_means(points, 0.1), [[0.015] * 3, [0.5] * 3])
-    np.testing.assert_allclose(voxel_means(points, 0.1, least=2), [[0.015] * 3])
     assert voxel_means(np.zeros((0, 3)), 0.1).shape == (0, 3)
 
 
@@ -240,12 +239,26 @@ def test_frame_of_the_future_is_not_used(scene, lwr4):
     assert tracked.at(0.05).status == ObstacleStatus.LOST
 
 
-def test_position_that_is_not_finite_is_told(lwr4):
+def test_posture_that_is_not_finite_is_lost_until_it_is_known_again(scene, lwr4):
     """Without the posture the robot cannot be left out."""
     tracked = Tracked(lwr4)
-    tracked.feed(np.full((CAMERA.height, CAMERA.width), np.inf), 0.0, np.full(7, np.nan))
-    with pytest.raises(StateError, match="position_measured"):
-        tracked.at(0.05)
+    image = scene.image(lwr4.home, [-0.5, 0.0, 0.7])
+    tracked.feed(image, 0.0, lwr4.home)
+    assert tracked.at(0.015).status == ObstacleStatus.OK
+    tracked.feed(image, 0.02, np.full(7, np.nan))
+    lost = tracked.at(0.035)
+    assert lost.status == ObstacleStatus.LOST and len(lost.p_WO) == 0
+    tracked.feed(image, 0.02, lwr4.home)
+    tracked.at(0.055)
+    tracked.feed(image, 0.055, lwr4.home)
+    assert tracked.at(0.075).status == ObstacleStatus.OK
+
+
+def test_image_of_another_size_is_lost(lwr4):
+    tracked = Tracked(lwr4)
+    tracked.system.GetInputPort("depth_image").FixValue(tracked.context, Value[ImageDepth32F](ImageDepth32F(7, 5, 1.0)))
+    tracked.system.GetInputPort("image_time").FixValue(tracked.context, [0.0])
+    assert tracked.at(0.03).status == ObstacleStatus.LOST
 
 
 @pytest.mark.parametrize(

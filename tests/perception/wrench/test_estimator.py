@@ -190,8 +190,10 @@ def test_what_is_not_finite_is_told_and_leaves_nothing_behind(robot, port, lasti
     good = {"wrench_sensor": own + 1.0, "dynamics": terms, "acceleration_measured": np.zeros(7)}
     bench = Bench(wrist, **good)
     bench.run(2)
-    bench.run(50 if lasting else 2, **{port: broken})
     assert bench.read("status") == WrenchStatus.TARING
+    np.testing.assert_array_equal(bench.read("wrench_measured"), 0.0)
+    bench.run(50 if lasting else 2, **{port: broken})
+    assert bench.read("status") == WrenchStatus.BAD_INPUT
     bench.run(2, **good)
     assert bench.read("status") == WrenchStatus.OK
     np.testing.assert_allclose(bench.read("wrench_tool"), 0.0, atol=1e-9)

@@ -2,6 +2,7 @@
 
 import builtins
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,8 +116,8 @@ def test_defects_of_a_csv_are_named_in_one_line(tmp_path, text, said):
 
 
 def test_defects_of_other_files_are_named(tmp_path):
-    np.savez(tmp_path / "a.npz", t=TIME, F=FORCE)
-    with pytest.raises(SensorError, match="no array time, force; there are: t, F"):
+    np.savez(tmp_path / "a.npz", t=TIME, f=FORCE)
+    with pytest.raises(SensorError, match="no array force; there are: t, f"):
         read_force_recording(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", time=TIME[:-1], force=FORCE)
     with pytest.raises(SensorError, match="199 times for 200 forces"):
@@ -190,12 +191,15 @@ def test_fitted_period_stands_noise_and_lost_samples():
     assert fitted_period(pos[kept], vel[kept]) == pytest.approx(0.0015, rel=0.03)
 
 
-def test_resample_interpolates_or_holds_and_is_zero_outside(tmp_path):
+def test_a_recording_is_interpolated_held_at_its_ends_and_scaled(tmp_path):
     recording = read_force_recording(write_csv(tmp_path / "f.csv", ROWS[:3]))
-    at = [-0.1, 0.0, 0.005, 0.02, 0.03]
-    np.testing.assert_allclose(recording.resample(at)[:, 1], [0.0, 0.0, 0.025, 0.1, 0.0])
-    np.testing.assert_allclose(recording.resample(at, hold=True)[:, 1], [0.0, 0.0, 0.0, 0.1, 0.0])
-    np.testing.assert_allclose(recording.resample(at)[:, 2], [0.0, -2.0, -2.0, -2.0, 0.0])
+    np.testing.assert_allclose([recording.at(t)[1] for t in (-0.1, 0.0, 0.005, 0.02, 0.03)], [0, 0, 0.025, 0.1, 0.1])
+    scaled, scale = recording.scaled(8.0)
+    assert np.linalg.norm(scaled.force, axis=1).max() == pytest.approx(8.0)
+    np.testing.assert_allclose(scaled.force, scale * recording.force)
+    np.testing.assert_allclose(recording.scaled(8.0, centred=True)[0].force.mean(axis=0), 0.0, atol=1e-12)
+    with pytest.raises(SensorError, match="f.csv: holds no force"):
+        replace(recording, force=0.0 * recording.force).scaled(8.0)
 
 
 def guided_runs(path, seed=0):

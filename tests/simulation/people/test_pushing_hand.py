@@ -8,7 +8,7 @@ from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 HOME = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
 

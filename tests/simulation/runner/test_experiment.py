@@ -18,9 +18,12 @@ from pydrake.systems.primitives import LinearSystem
 
 from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
 from saphari_drake.parameters import require_positive
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
-from saphari_drake.simulation.runner.experiment import Experiment, Log, Metric, Outcome, RunOptions, advance, main
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.scenario import with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions, advance
 from saphari_drake.simulation.view.figures import Panel, time_panels
 
 
@@ -356,7 +359,10 @@ def test_model_is_taken_where_allowed(tmp_path, capsys):
     model = tmp_path / "arm.urdf"
     model.write_text("<robot/>")
     experiment = toy(accepts_model=True)
-    for more, home in ([], []), (["--set", "home=[30]"], [30.0]):  # the case's posture is not that of another robot
+    own = tmp_path / "own.yaml"
+    own.write_text("home: [45]")
+    # The case's posture is not that of another robot; one that is given is.
+    for more, home in ([], []), (["--set", "home=[30]"], [30.0]), (["--scenario", str(own)], [45.0]):
         assert main(experiment, ["--case", "soft", "--model", str(model), "--out", str(tmp_path), *more]) == 0
         scenario = json.loads((tmp_path / "soft" / "metrics.json").read_text())["scenario"]
         assert scenario["robot"] == str(model) and scenario["home"] == home

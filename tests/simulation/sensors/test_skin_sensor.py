@@ -20,6 +20,7 @@ from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, c
 from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters
 from saphari_drake.simulation.sensors.skin_sensor import SkinSensor, SkinSensorParameters
 from saphari_drake.simulation.world.cell import add_cell, contact_truth
+from saphari_drake.simulation.world.pushing_hand import PushingHand
 
 QUIET = SkinSensorParameters(noise=0.0, drift=0.0, common_drift=0.0)
 
@@ -28,8 +29,9 @@ QUIET = SkinSensorParameters(noise=0.0, drift=0.0, common_drift=0.0)
 def cell(lwr4):
     builder = DiagramBuilder()
     cell = add_cell(builder, lwr4)
-    cell.diagram = builder.Build()
-    return cell
+    diagram = builder.Build()
+    yield cell
+    del diagram  # it keeps the plant
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +89,7 @@ def test_what_presses_the_link_elsewhere_is_not_felt(cell, layout):
 def test_the_hand_of_the_plant_is_felt_as_it_presses(cell, layout, lwr4):
     """Through the contact results: the same force as theirs on the link, at the same point."""
     builder = DiagramBuilder()
-    own = add_cell(builder, lwr4)
+    own = add_cell(builder, lwr4, [PushingHand()])
     sensor = builder.AddSystem(SkinSensor(layout, lwr4, own.plant, own.instance, QUIET))
     estimator = builder.AddSystem(SkinEstimator(layout, calibrate_modules(sensor.modules, IndenterParameters(60))))
     builder.Connect(own.robot_state, sensor.GetInputPort("state"))
@@ -103,7 +105,7 @@ def test_the_hand_of_the_plant_is_felt_as_it_presses(cell, layout, lwr4):
     p_L, R_L = layout.surface([0.004, -0.003])
     tip = X_WL @ (p_L + (0.012 - 0.001) * R_L[:, 2])  # 1 mm deep
     turn = rotation_between(np.array([1.0, 0.0, 0.0]), -X_WL.rotation().matrix() @ R_L[:, 2])
-    own.plant.SetFreeBodyPose(plant_context, own.hand, RigidTransform(RotationMatrix(turn), tip))
+    own.plant.SetFreeBodyPose(plant_context, own.plant.GetBodyByName("hand"), RigidTransform(RotationMatrix(turn), tip))
     simulator.AdvanceTo(0.0021)
     results: ContactResults = own.plant.get_contact_results_output_port().Eval(plant_context)
     f_W = contact_truth(results, own)[:3]

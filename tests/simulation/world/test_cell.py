@@ -3,36 +3,37 @@
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import JointIndex
+from pydrake.multibody.tree import BodyIndex, JointIndex
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from saphari_drake.errors import ParameterError
+from saphari_drake.errors import ParameterError, UnknownNameError
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
-from saphari_drake.simulation.world.cell import CellParameters, add_cell, contact_truth
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.people.pushing_hand import Push, find_target
+from saphari_drake.simulation.world.cell import add_cell, contact_truth
+from saphari_drake.simulation.world.floor import Floor
+from saphari_drake.simulation.world.hand import HandParameters
+from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.pushing_hand import PushingHand
+
+HOME = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
+
+
+def hold(builder, cell):
+    """Let the joints hold the robot's weight."""
+    source = builder.AddSystem(ConstantVectorSource(evaluate_dynamics(cell.robot, cell.robot.home, np.zeros(7)).g))
+    builder.Connect(source.get_output_port(), cell.torque_input)
 
 
 def pressed(force, hand=None, seconds=1.5):
     """Press a hand along −y on link 6 of a locked robot; return cell, simulator and contact."""
-    robot = lwr4()
-    robot.home = np.deg2rad([90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
+    robot = lwr4(home=HOME)
     push = Push("link_6", direction=[0.0, -1.0, 0.0], force=force, start=0.0, hold=10.0)
     builder = DiagramBuilder()
-    params = CellParameters(hand=hand or HandParameters())
-    cell = add_cell(builder, robot, params)
-    start = cell.hand.floating_velocities_start_in_v()
-    person = builder.AddSystem(HumanHand(robot, params.hand, [push], cell.plant.num_velocities(), start))
-    cell.plant.SetDefaultFloatingBaseBodyPose(cell.hand, person.start_pose())
-    gravity = evaluate_dynamics(robot, robot.home, np.zeros(7)).g
-    source = builder.AddSystem(ConstantVectorSource(gravity))
-    builder.Connect(source.get_output_port(), cell.torque_input)
-    builder.Connect(cell.hand_state, person.GetInputPort("hand_state"))
-    builder.Connect(cell.robot_state, person.GetInputPort("robot_state"))
-    builder.Connect(person.get_output_port(), cell.hand_force_input)
+    cell = add_cell(builder, robot, [PushingHand([push], hand or HandParameters())])
+    hold(builder, cell)
     simulator = Simulator(builder.Build())
     context = cell.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     for index in cell.plant.GetJointIndices(cell.instance):
@@ -40,7 +41,7 @@ def pressed(force, hand=None, seconds=1.5):
         if joint.num_velocities():
             joint.Lock(context)
     simulator.AdvanceTo(seconds)
-    results = cell.plant.get_contact_results_output_port().Eval(context)
+    results = cell.contact_results.Eval(context)
     return cell, context, target_of(robot, push), contact_truth(results, cell), results
 
 
@@ -72,41 +73,74 @@ def test_no_contact_is_zero_and_names_no_link():
 
 def test_a_balanced_robot_stays_and_does_not_collide_with_itself():
     """With its gravity torque the folded robot stays at rest: neighbouring links overlap without contact."""
-    robot = lwr4()
-    robot.home = np.deg2rad([0.0, 110.0, 0.0, 115.0, 0.0, -110.0, 0.0])
-    builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
-    gravity = evaluate_dynamics(robot, robot.home, np.zeros(7)).g
-    source = builder.AddSystem(ConstantVectorSource(gravity))
-    rest = builder.AddSystem(ConstantVectorSource(np.zeros(cell.plant.num_velocities())))
-    builder.Connect(source.get_output_port(), cell.torque_input)
-    builder.Connect(rest.get_output_port(), cell.hand_force_input)
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = cell.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    cell.plant.SetFreeBodyPose(context, cell.hand, far_away())
-    simulator.AdvanceTo(0.05)
-    state = cell.robot_state.Eval(context)
-    np.testing.assert_allclose(state, np.r_[robot.home, np.zeros(7)], atol=1e-6)
-
-
-def far_away():
-    return RigidTransform([2.0, 2.0, 2.0])
+    robot = lwr4(home=np.deg2rad([0.0, 110.0, 0.0, 115.0, 0.0, -110.0, 0.0]))
+    moved = []
+    for touching in (False, True):
+        builder = DiagramBuilder()
+        cell = add_cell(builder, robot, plant=PlantParameters(self_contact=touching))
+        hold(builder, cell)
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(0.05)
+        state = cell.robot_state.Eval(cell.plant.GetMyContextFromRoot(simulator.get_context()))
+        moved.append(np.abs(state - np.r_[robot.home, np.zeros(7)]).max())
+    assert moved[0] < 1e-6 < moved[1]
 
 
 def test_the_hand_carries_its_own_weight():
     """Gravity does not move a hand that nobody moves."""
     builder = DiagramBuilder()
-    cell = add_cell(builder, lwr4())
-    rest = builder.AddSystem(ConstantVectorSource(np.zeros(cell.plant.num_velocities())))
-    builder.Connect(rest.get_output_port(), cell.hand_force_input)
-    zero = builder.AddSystem(ConstantVectorSource(np.zeros(7)))
-    builder.Connect(zero.get_output_port(), cell.torque_input)
+    cell = add_cell(builder, lwr4(), [PushingHand()])
+    hold(builder, cell)
     simulator = Simulator(builder.Build())
-    context = cell.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    cell.plant.SetFreeBodyPose(context, cell.hand, far_away())
+    context, hand = (
+        cell.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()),
+        cell.plant.GetBodyByName("hand"),
+    )
+    cell.plant.SetFreeBodyPose(context, hand, RigidTransform([2.0, 2.0, 2.0]))
     simulator.AdvanceTo(0.1)
-    np.testing.assert_allclose(cell.hand_state.Eval(context)[4:7], [2.0, 2.0, 2.0], atol=1e-9)
+    state = cell.plant.get_state_output_port(hand.model_instance()).Eval(context)
+    np.testing.assert_allclose(state[4:7], [2.0, 2.0, 2.0], atol=1e-9)
+
+
+def test_every_body_of_the_robot_belongs_to_its_link():
+    """Bodies that move with a link count as that link, its base as none; nothing else is the robot's."""
+    cell = add_cell(DiagramBuilder(), lwr4(), [PushingHand(), Floor()], PlantParameters(payload=1.0))
+    owner = {cell.plant.get_body(BodyIndex(index)).name(): link for index, link in cell.link_of_body.items()}
+    assert owner["link_3"] == 2 and owner["payload"] == 6 and not {"hand", "floor"} & set(owner)
+    assert sum(link == -1 for link in owner.values()) >= 1
+
+
+def test_a_cell_is_shown_elsewhere_as_it_is():
+    """Its copy has the same positions, in the same order, and starts where it does."""
+    push = Push("link_6", direction=[0.0, -1.0, 0.0])
+    cell = add_cell(DiagramBuilder(), lwr4(home=HOME), [PushingHand([push]), Floor()])
+    plant = cell.copy_to(DiagramBuilder())
+    assert plant.GetPositionNames() == cell.plant.GetPositionNames()
+    q = [p.GetPositions(p.CreateDefaultContext()) for p in (plant, cell.plant)]
+    np.testing.assert_array_equal(*q)
+
+
+def test_without_geometry_the_robot_moves_the_same():
+    """As it falls; it can be built for files whose meshes are not there."""
+    states = []
+    for geometry in (True, False):
+        builder = DiagramBuilder()
+        cell = add_cell(builder, lwr4(), [Floor()], PlantParameters(geometry=geometry))
+        simulator = Simulator(builder.Build())
+        context = cell.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        cell.torque_input.FixValue(context, np.zeros(7))
+        simulator.AdvanceTo(0.05)
+        states.append(cell.robot_state.Eval(context))
+    np.testing.assert_allclose(*states, atol=1e-12)
+    assert np.abs(states[0][7:]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "field, value", [("time_step", 0.0), ("friction_share", -0.1), ("payload", np.nan), ("contact_model", "soft")]
+)
+def test_bad_plant_parameters_are_named(field, value):
+    with pytest.raises((ParameterError, UnknownNameError), match=field):
+        PlantParameters(**{field: value})
 
 
 @pytest.mark.parametrize("field", ["finger_radius", "mass", "stiffness", "tissue_stiffness"])

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from experiments.contact import judge
 from experiments.contact.cell import ContactCellParameters, add_contact_cell
-from experiments.contact.cycle_time import time_cycles
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from saphari_drake.errors import ParameterError, StateError
+from saphari_drake.errors import ParameterError
+from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.messages import CameraStatus, InteractionMode
-from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.pipelines.contact import ContactPipelineParameters
 from saphari_drake.robots.catalog import lwr4
 from saphari_drake.simulation.people.pushing_hand import Push
@@ -26,8 +25,7 @@ class Run:
     """A cell with one push, simulated with its camera."""
 
     def __init__(self, push, params=None, renderer="auto"):
-        self.robot, self.push = lwr4(), push
-        self.robot.home = HOME
+        self.robot, self.push = lwr4(home=HOME), push
         params = params or ContactCellParameters()
         params.camera.renderer = renderer
         builder = DiagramBuilder()
@@ -43,8 +41,7 @@ class Run:
         recorder.add("contact", p.detector.GetOutputPort("contact"), "1")
         recorder.add("contact_force", p.force.GetOutputPort("contact_force"), "N")
         recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
-        results = cell.plant.get_contact_results_output_port()
-        recorder.add("contact_truth", results, "N", lambda r: contact_truth(r, cell), 7)
+        recorder.add("contact_truth", cell.contact_results, "N", lambda r: contact_truth(r, cell), 7)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
 
@@ -110,18 +107,11 @@ def test_a_cloned_context_runs_to_the_same_state():
     assert np.linalg.norm(ends[0][7:]) > 0.01
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_state_that_is_not_finite_stops_with_a_clear_error(bad):
-    """A broken encoder is named, not passed on as a torque."""
-    robot = lwr4()
-    states = np.tile(np.r_[HOME, np.zeros(7)], (5, 1))
-    states[3, 3] = bad
-    empty = np.full((480, 640), np.inf, dtype=np.float32)
-    with pytest.raises(StateError, match="not finite"):
-        time_cycles(robot, CameraParameters(), ContactPipelineParameters(), states, empty)
-
-
-def test_unequal_cycles_are_refused():
-    """Observer and sensor must share one period."""
-    with pytest.raises(ParameterError, match="observer.period: must equal joint_sensor.period"):
-        ContactPipelineParameters(joint_sensor=JointSensorParameters(period=0.002))
+def test_a_part_with_a_period_of_its_own_is_refused():
+    """The cycle is the pipeline's."""
+    with pytest.raises(ParameterError, match="observer.period: is that of the pipeline"):
+        ContactPipelineParameters(observer=MomentumObserverParameters(period=0.002))
+    with pytest.raises(ParameterError, match="joint_sensor.period: is that of the pipeline"):
+        ContactCellParameters(joint_sensor=JointSensorParameters(period=0.002))
+    params = ContactCellParameters(pipeline=ContactPipelineParameters(period=0.002))
+    assert params.joint_sensor.period == params.pipeline.monitor.period == 0.002

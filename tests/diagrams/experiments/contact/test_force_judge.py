@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from experiments.contact.force_judge import Drift, expected_drift, free_drift_speed
 
-from saphari_drake.control.contact.force_parameters import ContactForceControlParameters
-from saphari_drake.robots.dynamics import evaluate_dynamics, point_position
+from saphari_drake.control.contact.parameters import ContactForceControlParameters
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.record.log import Log
 
 PARAMS = ContactForceControlParameters(direction="fixed", fixed_force=[0.0, 15.0, 0.0])
@@ -19,7 +19,7 @@ def made_up_log(robot, transition, force, count=41, period=0.005):
         "position": robot.home,
         "velocity": np.zeros(robot.n),
         "active_link": [LINK],
-        "contact_position": point_position(robot, robot.home, LINK, POINT),
+        "contact_position": robot.kinematics(robot.home).position(LINK, POINT),
         "contact_truth": [*force, 0.0, 0.0, 0.0, LINK],
         "contact_force": force,
         "transition": transition,

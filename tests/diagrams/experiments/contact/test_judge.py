@@ -9,7 +9,6 @@ from experiments.contact import judge
 from saphari_drake.errors import SensorError
 from saphari_drake.messages import InteractionMode
 from saphari_drake.robots.catalog import lwr4
-from saphari_drake.robots.dynamics import point_position
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 
@@ -29,7 +28,7 @@ def made_up_log(robot, force=(0.0, -30.0, 0.0), estimate=(0.0, -29.0, 0.5), sett
     q = np.tile(robot.home, (len(time), 1))
     back = np.clip(1.0 - (time - 2.0) / settle, 0.0, 1.0)
     q[:, 0] += 0.05 * np.where(time < 1.2, 0.0, np.where(time <= 2.0, np.clip((time - 1.2) / 0.3, 0.0, 1.0), back))
-    points = np.array([point_position(robot, row, 5, POINT) for row in q])
+    points = np.array([robot.kinematics(row).position(5, POINT) for row in q])
     log = Log(time)
     log.add("position", q, "rad")
     truth = np.hstack([np.outer(touched, force), points * touched[:, None], np.where(touched, 5.0, -1.0)[:, None]])

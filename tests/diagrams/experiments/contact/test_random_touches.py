@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.contact import random_run
+from experiments.contact import random_judge
+from experiments.contact.random_run import trial_of
 from experiments.contact.random_touches import RandomTouchParameters, draw_touch
 
 from saphari_drake.errors import ParameterError
@@ -16,7 +17,7 @@ from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import find_target
 from saphari_drake.simulation.runner.experiment import main
-from saphari_drake.simulation.world.hand_and_floor import HandParameters
+from saphari_drake.simulation.world.hand import HandParameters
 
 DIAGRAMS = Path(__file__).parents[4] / "diagrams"
 HAND = HandParameters()
@@ -65,8 +66,7 @@ def test_every_touch_can_be_run(lwr4, script):
     A push that passes another link by a hair's breadth met it in a posture that was rounded.
     """
     for trial in range(60):
-        drawn = draw_touch(lwr4, HAND, RandomTouchParameters(), [0, trial])
-        single = script.trial_of(script.scenario_for("random"), drawn, trial)
+        _, drawn, single = trial_of(script.scenario_for("random"), trial)
         robot = catalog.load(single.robot, home=np.deg2rad(single.home))
         np.testing.assert_array_equal(robot.home, drawn.q)
         find_target(robot, robot.home, drawn.push)
@@ -112,7 +112,7 @@ def judged(**values):
         point_error=0.003, unanswered=0.01, return_error=0.001, delay=0.01, speed_share=0.4, wander=0.001,
         torque_excess=0.0,
     )  # fmt: skip
-    return random_run.JudgedTouch(**{**fine, **values})
+    return random_judge.JudgedTouch(**{**fine, **values})
 
 
 @pytest.mark.parametrize("name", ["force_error", "deflection_error", "point_error", "return_error"])
@@ -124,11 +124,11 @@ def test_a_touch_has_to_meet_everything(name):
 def test_failures_count_in_every_share_and_can_be_replayed(lwr4):
     """A touch that was never answered lowers all shares and is printed with the option that runs it alone."""
     lost = judged(trial=7, seen=0.0, force_error=1.0, deflection_error=1.0, point_error=1.0, unanswered=1.0, wander=0.3)
-    values = {m.name: m.value for m in random_run.random_metrics([judged(), judged(trial=1), judged(trial=2), lost])}
+    values = {m.name: m.value for m in random_judge.random_metrics([judged(), judged(trial=1), judged(trial=2), lost])}
     assert values["meets_all_share"] == 0.75 and values["meets_all_share_seen"] == 1.0
     assert values["meets_all_share_hidden"] == 0.0
     assert values["unanswered_share_max"] == 1.0 and values["wander_max_m"] == 0.3
-    text = random_run.failures(lwr4, [judged(), lost], 5)
+    text = random_judge.failures(lwr4, [judged(), lost], 5)
     assert text.count("\n") == 0 and "--seed 5 --set trial=7" in text
 
 

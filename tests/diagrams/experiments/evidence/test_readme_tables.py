@@ -184,6 +184,6 @@ def test_metrics_tell_whether_they_decide_and_what_is_reported():
     """Of a run, as written to metrics.json."""
     metrics = [Metric("error_m", 1.0, "m", high=2.0, reported="about 1 m"), Metric("far_m", 3.0, "m", decides=False)]
     outcome = Outcome([*metrics, Metric("step_ms_p95", 1.0, "ms")], Log(np.zeros(1)), lambda: None)
-    document = metrics_document(outcome, {})
+    document = metrics_document(outcome, {}, True)
     assert document["decides"] == {"error_m": True, "far_m": False, "step_ms_p95": False}
     assert document["reported"] == {"error_m": "about 1 m", "far_m": "", "step_ms_p95": ""}

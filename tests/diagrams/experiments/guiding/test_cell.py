@@ -6,8 +6,8 @@ from experiments.guiding.cell import GuidingCellParameters, add_guiding_cell
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from saphari_drake.control.hand_guiding.touch import GuidingPriority
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import GuidingPriority
 from saphari_drake.parameters import validate
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.pipelines.hand_guiding import HandGuidingPipelineParameters

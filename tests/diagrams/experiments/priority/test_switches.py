@@ -4,12 +4,11 @@ import numpy as np
 from experiments.priority import three_level as arm
 from experiments.priority.switches import find_switches
 
-from saphari_drake.control.reverse_priority.solver import constraint_step
+from saphari_drake.control.reverse_priority.law import Rows, Settings, constraint_step
 from saphari_drake.control.reverse_priority.stack import PriorityStack
 from saphari_drake.control.reverse_priority.system import position_reference
 from saphari_drake.control.reverse_priority.tasks import Bound, plane_distance, position_task
 from saphari_drake.math.products import cholesky
-from saphari_drake.robots.dynamics import point_position
 
 NOWHERE = np.zeros((0, 6))
 
@@ -20,7 +19,7 @@ def test_a_switch_is_found_with_the_velocity_it_adds(lwr4):
     stack = PriorityStack(lwr4, [[wall], position_task(lwr4, "link_7")])
     x = float(stack.constraints(lwr4.home, NOWHERE)[0][0])
     stack.bounds[0] = x + 0.01
-    reference = position_reference(point_position(lwr4, lwr4.home, 6, np.zeros(3)) + [0.0, 0.0, 0.05])[None]
+    reference = position_reference(lwr4.kinematics(lwr4.home).p_WL[6] + [0.0, 0.0, 0.05])[None]
     q, zero = np.tile(lwr4.home, (4, 1)), np.zeros((4, 7))
     result = stack.solve(lwr4.home, zero[0], reference, NOWHERE, 0.005)
     free = stack.solve(lwr4.home, zero[0], reference, NOWHERE, 0.005, np.array([np.inf]))
@@ -44,8 +43,8 @@ def test_one_row_changes_the_velocity_by_its_activation_times_its_excess():
         J, v = rng.standard_normal((1, 7)), rng.standard_normal(7)
         x = np.array([rng.uniform(-0.05, 0.0)])
         zero, after, h = np.zeros(1), v.copy(), np.zeros(1)
-        one = np.array([0.05])
-        constraint_step(L, J, x, zero, zero, one, one, zero, 1e-6, after, h)
+        buffer, settings = np.array([0.05]), Settings(np.full(7, 1e9), 1e-6, 0.1, 1.0)
+        constraint_step(L, Rows(J, x, zero, zero, zero, buffer, buffer), settings, after, h)
         excess = max(float(J[0] @ v), 0.0)
         step = np.linalg.solve(W, J[0]) / (J[0] @ np.linalg.solve(W, J[0]))
         np.testing.assert_allclose(after, v - h * excess * step, atol=1e-6)

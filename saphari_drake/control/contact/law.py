@@ -1,0 +1,162 @@
+"""Impedance and force laws at a contact anywhere on the arm, eq. (52)–(62)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.math.task_space import consistent_inverse
+from saphari_drake.robots.dynamics import DynamicsTerms
+from saphari_drake.robots.kinematics import PointKinematics
+
+Array = NDArray[np.float64]
+
+
+class TorqueTerms(NamedTuple):
+    """Named parts (n,) of a torque command (Nm)."""
+
+    task: Array
+    force: Array
+    misfit: Array
+    null_space: Array
+    coriolis: Array
+    gravity: Array
+
+    def total(self) -> Array:
+        """Return the sum of all parts."""
+        return np.sum(self, axis=0)
+
+
+class ImpedanceGains(NamedTuple):
+    """Gains of the law as arrays."""
+
+    K_p: Array  # (3, 3) N/m
+    K_d: Array  # (3, 3) Ns/m
+    M_d_inv: Array | None  # (3, 3) 1/kg, None for the natural inertia
+    K_N: Array  # (n,) 1/s
+    misfit_lever: float  # m
+    max_effective_mass: float  # kg
+
+
+def contact_impedance_torque(
+    terms: DynamicsTerms,
+    point: PointKinematics,
+    p_desired: Array,
+    F: Array,
+    misfit: Array,
+    gains: ImpedanceGains,
+) -> TorqueTerms:
+    """Return the torque of the contact impedance, eq. (61), with the misfit compensated.
+
+    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N.
+    With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
+    Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
+
+    Added: `misfit_torque`; a large M_d turns the misfit into a wrong deflection.
+
+    Parameters
+    ----------
+    terms, point :
+        Dynamics, and kinematics of the contact point.
+    p_desired : (3,) array
+        x_d in the world (m), constant.
+    F : (3,) array
+        Force of the person on the robot (N, world).
+    misfit : (n,) array
+        r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
+    gains :
+        Gains; see `ImpedanceGains`.
+    """
+    J = point.Jv_WC
+    Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
+    spring = gains.K_p @ (p_desired - point.p_WC) - gains.K_d @ point.v_WC
+    if gains.M_d_inv is None:
+        task, force = J.T @ (spring - Lambda @ point.Jdotv_WC), np.zeros(len(terms.q))
+    else:
+        shaping = Lambda @ gains.M_d_inv
+        task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
+        force = J.T @ (shaping @ F - F)
+    compensation = misfit_torque(misfit, F, gains.misfit_lever)
+    null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
+    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g)
+
+
+class ForceGains(NamedTuple):
+    """Gains of the law as arrays."""
+
+    K_f: Array  # (3, 3)
+    K_d: Array  # (3, 3) Ns/m
+    M_d_inv: Array | None  # (3, 3) 1/kg, None for the natural inertia
+    K_N: Array  # (n,) 1/s
+    misfit_lever: float  # m
+    max_effective_mass: float  # kg
+
+
+def contact_force_torque(
+    terms: DynamicsTerms, point: PointKinematics, F: Array, F_d: Array, misfit: Array, gains: ForceGains
+) -> tuple[TorqueTerms, Array]:
+    """Return the torque of the force control, eq. (62) with the misfit compensated, and the commanded ẍ_c (3,).
+
+    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ = K_f (F − F_d), and self-motion damped by K_N. The contact
+    comes to rest at F = F_d if the person resists like a spring; under a constant force it goes on with
+    K_f (F − F_d)/K_d, and so it does along every direction in which F_d asks for a force that nobody gives.
+
+    Corrected: the force error is F̂ − F_d (printed F_d − F̂, with F the force *on* the robot, a positive feedback), and
+    the null-space projector is P_c = I − J_{c,M}^# J_c (printed P). Along directions in which the point cannot move,
+    Jᵀu = 0: they get no torque.
+
+    Parameters
+    ----------
+    terms, point :
+        Dynamics, and kinematics of the contact point.
+    F, F_d : (3,) arrays
+        Estimated and desired force of the person on the robot (N, world).
+    misfit : (n,) array
+        r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
+    gains :
+        Gains; see `ForceGains`.
+    """
+    J = point.Jv_WC
+    Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
+    wanted = gains.K_f @ (F - F_d) - gains.K_d @ point.v_WC
+    if gains.M_d_inv is None:
+        M_inv_JT = np.linalg.solve(terms.M, J.T)
+        acceleration, force = J @ (M_inv_JT @ wanted), wanted
+    else:
+        acceleration = gains.M_d_inv @ wanted
+        force = Lambda @ acceleration
+    return (
+        TorqueTerms(
+            J.T @ (force - Lambda @ point.Jdotv_WC),
+            -J.T @ F,
+            misfit_torque(misfit, F, gains.misfit_lever),
+            -terms.M @ (P_c @ (gains.K_N * terms.v)),
+            terms.Cv,
+            terms.g,
+        ),
+        acceleration,
+    )
+
+
+def observable_part(F: Array, unobservable: Array) -> Array:
+    """Return F (3,) without its components along unit directions, the columns of `unobservable` (3, 3)."""
+    return F - unobservable @ (unobservable.T @ F)
+
+
+def misfit_torque(misfit: Array, F: Array, lever: float) -> Array:
+    """Return −(r − J_cᵀF̂), each joint bounded by `lever` ‖F̂‖ (n,).
+
+    It is zero for a force at the assumed point. A point that is wrong by some millimetres leaves a steady torque, which
+    the law at the contact opposes in the null space by damping alone, so that a light wrist turns away under the hand.
+
+    Parameters
+    ----------
+    misfit : (n,) array
+        r − J_cᵀF̂, the part of the residual that the estimated force does not explain (Nm).
+    F : (3,) array
+        Estimated force (N).
+    lever : float
+        Error of the contact point that would explain as much (m).
+    """
+    bound = lever * float(np.linalg.norm(F))
+    return np.clip(-misfit, -bound, bound)

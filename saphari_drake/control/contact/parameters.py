@@ -1,0 +1,104 @@
+"""Parameters of the impedance and of the force control at a contact."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import (
+    diagonal,
+    positive_definite,
+    require_choice,
+    require_non_negative,
+    require_positive,
+)
+
+
+@dataclass
+class ContactImpedanceParameters:
+    """Impedance at the contact. Gains: the deliverable, unless marked."""
+
+    # N/m, stiffness at the contact along the world's axes; one value or three.
+    K_p: list[float] | float = 500.0
+    # Ns/m, damping at the contact along the world's axes; one value or three.
+    K_d: list[float] | float = 80.0
+    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57), which needs no force estimate.
+    M_d: list[float] = field(default_factory=list)
+    # 1/s, damping of self-motion; one value or one a joint.
+    K_N: list[float] | float = 20.0
+    # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
+    # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    misfit_lever: float = 0.03
+    # kg, bound of the effective mass near singular directions of the contact. A.
+    max_effective_mass: float = 50.0
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        _check_gains(self, "K_p", "K_d")
+
+
+@dataclass
+class ContactForceControlParameters:
+    """Force at the contact. Gains: the deliverable, unless marked."""
+
+    # "aligned": the desired force points along the estimated one, so that the person always resists it; "fixed": it
+    # points in a fixed direction of the world, and the robot drifts where nobody resists.
+    direction: str = "aligned"
+    # N; size of the aligned desired force.
+    desired_force: float = 15.0
+    # N; the fixed desired force in the world.
+    fixed_force: list[float] = field(default_factory=lambda: [0.0, 15.0, 0.0])
+    # Gain on the force error along the world's axes; one value or three.
+    K_f: list[float] | float = 4.1
+    # Ns/m, damping at the contact along the world's axes; one value or three.
+    K_d: list[float] | float = 10.5
+    # kg, desired inertia along the world's axes; empty: the natural one, eq. (57). Chosen equal in all directions, so
+    # that the contact moves along the force error; the deliverable does not give it. A.
+    M_d: list[float] = field(default_factory=lambda: [10.0, 10.0, 10.0])
+    # 1/s, damping of self-motion; one value or one a joint.
+    K_N: list[float] | float = 15.0
+    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. A.
+    gate_on: float = 3.0
+    gate_off: float = 1.5
+    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
+    force_rate: float = 10.0
+    # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
+    max_deficit: float = 4.0
+    # m/s; the force control never moves the contact point faster (a person still can). As in ISO 10218 for guidance.
+    speed_limit: float = 0.25
+    # A speed that reaches this share of the limit, now or within the next `stop_lead` seconds, stops the robot until it
+    # is released: measured velocity is late, and so is the answer to it. A.
+    stop_share: float = 0.9
+    stop_lead: float = 0.02
+    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
+    misfit_lever: float = 0.03
+    # kg, bound of the effective mass near singular directions of the contact. A.
+    max_effective_mass: float = 50.0
+    # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
+    # s; the control cycle.
+    period: float = 0.005
+
+    def __post_init__(self) -> None:
+        _check_gains(self, "K_f", "K_d")
+        require_choice(self, "direction", ("aligned", "fixed"))
+        if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
+            raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
+        require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
+        require_non_negative(self, "force_rate", "hand_stiffness", "hand_damping")
+        if not 0.0 < self.stop_share <= 1.0:
+            raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
+        if self.gate_off >= self.gate_on:
+            raise ParameterError("gate_off", f"must be below gate_on, {self.gate_on} N, got {self.gate_off}")
+
+
+def _check_gains(params: ContactImpedanceParameters | ContactForceControlParameters, *names: str) -> None:
+    for name in names:
+        diagonal(getattr(params, name), 3, name)
+    diagonal(params.K_N, np.size(params.K_N), "K_N")
+    if len(params.M_d):
+        positive_definite(params.M_d, 3, "M_d")
+    require_non_negative(params, "misfit_lever")
+    require_positive(params, "max_effective_mass", "period")

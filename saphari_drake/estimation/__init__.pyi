@@ -1,0 +1,19 @@
+from .contact_force import (
+    ContactForceEstimator as ContactForceEstimator,
+)
+from .contact_force import (
+    ContactForceParameters as ContactForceParameters,
+)
+from .disturbance_observer import (
+    DisturbanceObserver as DisturbanceObserver,
+)
+from .disturbance_observer import (
+    DisturbanceObserverParameters as DisturbanceObserverParameters,
+)
+from .joint_acceleration import JointAcceleration as JointAcceleration
+from .momentum_observer import (
+    MomentumObserver as MomentumObserver,
+)
+from .momentum_observer import (
+    MomentumObserverParameters as MomentumObserverParameters,
+)

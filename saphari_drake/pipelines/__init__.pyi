@@ -1,0 +1,33 @@
+from .contact import (
+    ContactMeasurements as ContactMeasurements,
+)
+from .contact import (
+    ContactPipeline as ContactPipeline,
+)
+from .contact import (
+    ContactPipelineParameters as ContactPipelineParameters,
+)
+from .contact import (
+    add_contact_pipeline as add_contact_pipeline,
+)
+from .hand_guiding import (
+    HandGuidingMeasurements as HandGuidingMeasurements,
+)
+from .hand_guiding import (
+    HandGuidingPipeline as HandGuidingPipeline,
+)
+from .hand_guiding import (
+    HandGuidingPipelineParameters as HandGuidingPipelineParameters,
+)
+from .hand_guiding import (
+    add_hand_guiding_pipeline as add_hand_guiding_pipeline,
+)
+from .null_space import (
+    NullSpacePipeline as NullSpacePipeline,
+)
+from .null_space import (
+    NullSpacePipelineParameters as NullSpacePipelineParameters,
+)
+from .null_space import (
+    add_null_space_pipeline as add_null_space_pipeline,
+)

@@ -1,0 +1,99 @@
+"""A diagram that is run: advanced with a clock beside it, and its logs read at the end."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from dataclasses import dataclass
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.record.recorder import Recorder
+
+CHUNK = 0.1  # simulated time between two looks at the clock (s)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run is given beside its scenario.
+
+    Attributes
+    ----------
+    meshcat : Meshcat, optional
+        Live view to publish to.
+    """
+
+    meshcat: Meshcat | None = None
+
+    @property
+    def realtime_rate(self) -> float:
+        """Rate to aim at: 1 with a live view, otherwise 0 (as fast as possible)."""
+        return 0.0 if self.meshcat is None else 1.0
+
+
+class Simulation:
+    """One run of a diagram from its default context, with progress on stderr if that is a terminal.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    label : str
+        Said with the progress.
+    options : RunOptions, optional
+
+    Attributes
+    ----------
+    wall, cpu : float
+        Time that the run has taken so far on the clock, and of the processor, which other programs do not lengthen (s).
+    """
+
+    def __init__(self, diagram: Diagram, label: str = "", options: RunOptions | None = None) -> None:
+        self._diagram, self._label, self.wall, self.cpu = diagram, label, 0.0, 0.0
+        self._simulator = Simulator(diagram)
+        self._simulator.set_target_realtime_rate((options or RunOptions()).realtime_rate)
+        self._simulator.Initialize()
+
+    def to(self, end: float) -> Context:
+        """Advance to a time (s) and return the root context there."""
+        cpu, context = time.process_time(), self._simulator.get_context()
+        self.wall += advance(self._simulator, end - context.get_time(), self._label)
+        self.cpu += time.process_time() - cpu
+        return context
+
+    def log(self, recorder: Recorder) -> Log:
+        """Return what a recorder of the diagram holds."""
+        return recorder.log(self._diagram, self._simulator.get_context())
+
+    @property
+    def real_time_factor(self) -> float:
+        """How much faster than real time the run was."""
+        return self._simulator.get_context().get_time() / self.wall
+
+
+def advance(simulator: Simulator, duration: float, label: str = "") -> float:
+    """Advance a simulator by `duration` (s), showing progress on stderr if that is a terminal.
+
+    Returns
+    -------
+    float
+        Wall time it took (s).
+    """
+    start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
+    terminal = sys.stderr.isatty()
+    steps = max(1, math.ceil(duration / CHUNK - 1e-9))
+    try:
+        for step in range(1, steps + 1):
+            simulator.AdvanceTo(start + duration * step / steps)
+            wall, done = time.perf_counter() - wall_start, duration * step / steps
+            if terminal and (wall - shown > 0.1 or step == steps):
+                shown = wall
+                text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
+                print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+    finally:
+        if terminal and shown >= 0.0:
+            print(file=sys.stderr, flush=True)
+    return time.perf_counter() - wall_start

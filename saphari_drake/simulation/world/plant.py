@@ -1,0 +1,134 @@
+"""The simulated robot: what its plant is made with that no controller knows of."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.geometry import (
+    AddContactMaterial,
+    CollisionFilterDeclaration,
+    GeometrySet,
+    ProximityProperties,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder, InputPort
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+
+from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
+from saphari_drake.robots.model import RobotModel
+
+COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
+STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
+
+
+@dataclass
+class PlantParameters:
+    """The simulated robot and how it makes contact."""
+
+    # s; step of the discrete plant.
+    time_step: float = 0.001
+    # Drake's model of contact: point, hydroelastic or hydroelastic_with_fallback.
+    contact_model: str = "point"
+    # Whether the robot's links collide with one another.
+    self_contact: bool = False
+    # Whether the robot's cover is rigid, so that the stiffness of a contact is that of what touches it. Otherwise it
+    # has Drake's own material.
+    rigid_cover: bool = False
+    # Whether shapes are loaded. Without them the robot moves the same but touches nothing and is not shown: for model
+    # files whose meshes cannot be found.
+    geometry: bool = True
+    # Nm (N), Coulomb friction of each joint, and Nms/rad (Ns/m), viscous; as reported for the LWR4, used with
+    # `friction_share`.
+    coulomb: list[float] = field(default_factory=lambda: [11.9, 11.5, 8.98, 8.35, 8.31, 4.72, 6.04])
+    viscous: list[float] = field(default_factory=lambda: [14.4, 15.3, 6.55, 11.0, 4.29, 2.26, 1.6])
+    # Share of that friction that acts; 0: none.
+    friction_share: float = 0.0
+    # kg; at the origin of the last link's frame, 5 cm farther along its z.
+    payload: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "time_step")
+        require_non_negative(self, "friction_share", "payload")
+        require_choice(self, "contact_model", ("point", "hydroelastic", "hydroelastic_with_fallback"))
+
+
+def add_plant(builder: DiagramBuilder, params: PlantParameters) -> tuple[MultibodyPlant, SceneGraph]:
+    """Add an empty plant and its scene graph to a diagram."""
+    config = MultibodyPlantConfig(time_step=params.time_step, contact_model=params.contact_model)
+    if params.geometry:
+        return AddMultibodyPlant(config, builder)
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(params.time_step))
+    return plant, builder.AddNamedSystem("scene_graph", SceneGraph())
+
+
+def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters) -> ModelInstanceIndex:
+    """Add a robot with its payload and joint friction to a plant that is not finalized."""
+    instance = robot.add_to(plant)
+    if params.payload > 0.0:
+        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(params.payload, 0.04))
+        last = plant.GetBodyByName(robot.link_names[-1], instance)
+        plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, 0.05]))
+    if params.friction_share > 0.0:
+        _add_friction(plant, robot, instance, params)
+    return instance
+
+
+def _add_friction(
+    plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, params: PlantParameters
+) -> None:
+    """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step."""
+    coulomb = params.friction_share * diagonal(params.coulomb, robot.n, "coulomb")
+    viscous = params.friction_share * diagonal(params.viscous, robot.n, "viscous")
+    for name, limit, damping in zip(robot.joint_names, coulomb, viscous):
+        joint = plant.GetJointByName(name, instance)
+        joint.set_default_damping(damping)
+        if limit > 0.0:
+            brake = plant.AddJointActuator(f"friction {name}", joint, limit)
+            brake.set_controller_gains(PdControllerGains(p=1e-6, d=STICK))
+
+
+def torque_input(
+    builder: DiagramBuilder, robot: RobotModel, plant: MultibodyPlant, instance: ModelInstanceIndex
+) -> InputPort:
+    """Return the input of the joint torques in joint order, whatever the order of the actuators; brakes get none."""
+    port = plant.get_actuation_input_port(instance)
+    gain = np.zeros((port.size(), robot.n))
+    gain[: robot.n] = np.eye(robot.n)[robot.actuator_order]
+    if port.size() > robot.n:
+        rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(2 * port.size())))
+        builder.Connect(rest.get_output_port(), plant.get_desired_state_input_port(instance))
+    if np.array_equal(gain, np.eye(robot.n)):
+        return port
+    order = builder.AddNamedSystem("actuator_order", MatrixGain(gain))
+    builder.Connect(order.get_output_port(), port)
+    return order.get_input_port()
+
+
+def cover(
+    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, params: PlantParameters
+) -> None:
+    """Give the robot's shapes their material, and say whether they collide with one another."""
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+    shapes = [shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)]
+    if params.rigid_cover:
+        for shape in shapes:
+            rigid = point_contact(COVER_STIFFNESS, 0.0, 1.0)
+            scene_graph.AssignRole(plant.get_source_id(), shape, rigid, RoleAssign.kReplace)
+    if not params.self_contact:
+        inside = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
+        scene_graph.collision_filter_manager().Apply(inside)
+
+
+def point_contact(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:
+    """Return the material of a shape: N/m, s/m (Hunt–Crossley), and the coefficient of friction."""
+    properties = ProximityProperties()
+    AddContactMaterial(
+        properties=properties,
+        dissipation=dissipation,
+        point_stiffness=stiffness,
+        friction=CoulombFriction(friction, friction),
+    )
+    return properties

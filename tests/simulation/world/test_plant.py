@@ -1,0 +1,51 @@
+"""The simulated robot: friction sticks, a payload weighs, torques reach their joints."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.world.cell import add_cell
+from saphari_drake.simulation.world.plant import PlantParameters
+
+
+def moved(robot, params, more, seconds=0.1):
+    """Give the joints what holds the robot's own weight, and more (Nm); return the joint velocities at the end."""
+    builder = DiagramBuilder()
+    cell = add_cell(builder, robot, plant=params)
+    builder.ExportInput(cell.torque_input, "torque")
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    gravity = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).g
+    simulator.get_system().get_input_port(0).FixValue(context, gravity + more)
+    simulator.AdvanceTo(seconds)
+    return cell.robot_state.Eval(cell.plant.GetMyContextFromRoot(context))[robot.n :]
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_each_torque_reaches_its_joint_with_and_without_brakes(lwr4, joint):
+    """A torque moves its own joint its own way; beyond the Coulomb friction of all joints, it alone."""
+    params = PlantParameters(friction_share=1.0)
+    more = np.zeros(7)
+    more[joint] = 1.0
+    assert moved(lwr4, PlantParameters(), more, 0.002)[joint] > 1e-5
+    v = moved(lwr4, params, (params.coulomb[joint] + 20.0) * more)
+    assert np.argmax(np.abs(v)) == joint and v[joint] > 1e-3
+
+
+def test_a_joint_sticks_below_its_coulomb_friction(lwr4):
+    """0.8 of it moves no joint; without friction the same torques do."""
+    params = PlantParameters(friction_share=0.5)
+    more = 0.8 * 0.5 * np.array(params.coulomb) * [1, -1, 1, -1, 1, -1, 1]
+    assert np.abs(moved(lwr4, params, more)).max() < 1e-3
+    assert np.abs(moved(lwr4, PlantParameters(), more)).max() > 0.1
+
+
+def test_a_payload_weighs_where_it_is(lwr4):
+    """The robot rests with Jᵀ m g more in its joints, and falls without."""
+    params, mass = PlantParameters(payload=2.0), 2.0
+    J = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).point(6, np.array([0.0, 0.0, 0.05])).Jv_WC
+    held = J.T @ [0.0, 0.0, 9.81 * mass]
+    assert np.abs(moved(lwr4, params, held)).max() < 1e-6
+    assert np.abs(moved(lwr4, params, 0.0 * held)).max() > 0.05
