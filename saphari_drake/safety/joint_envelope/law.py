@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.products import apply, cholesky, solve_lower, solve_upper
 from saphari_drake.safety.joint_envelope.nearest import nearest
 from saphari_drake.safety.joint_envelope.stopping import acceleration_bounds, fastest, speed_bound, stop_position
 
@@ -63,8 +64,8 @@ def limited_torque(envelope, motion, command):
     stop, within size and rate. The bound of the energy holds by its reserve: evidence from trials, no proof.
     """
     e, v, n = envelope, motion.v, len(motion.q)
-    M_inv, offset = np.linalg.inv(motion.M), motion.h - motion.tau_ext
-    now, wish = M_inv @ (motion.tau - offset), M_inv @ (command - offset)
+    M_inv, offset = _inverse(motion.M), motion.h - motion.tau_ext
+    now, wish = apply(M_inv, motion.tau - offset), apply(M_inv, command - offset)
     C, low, high = np.empty((2 * n, n)), np.empty(2 * n), np.empty(2 * n)
     C[:n], C[n:] = np.eye(n), motion.M
     acceleration_bounds(motion.q, v, e.q_min, e.q_max, e.v_max, e.deceleration, e.jerk, e.period, low, high)
@@ -85,10 +86,22 @@ def limited_torque(envelope, motion, command):
             nearest(M_inv, wish, C[n:], low[n:], high[n:], stop, active[n:])
         share = _least_share(e, motion.M, v, a, stop) if found and fast else 1.0
         a = (1.0 - share) * a + share * stop
-    torque = motion.M @ a + offset
+    torque = apply(motion.M, a) + offset
     for i in range(n):
         torque[i] = min(max(torque[i], low[n + i] + offset[i]), high[n + i] + offset[i])
     return Limited(torque, status, joint, _margin(e, motion.q, v, a))
+
+
+@njit(cache=True)
+def _inverse(M):
+    """Return M⁻¹ of a positive definite matrix (n, n), NaN if it is not."""
+    n = len(M)
+    L, columns = np.zeros((n, n)), np.eye(n)
+    cholesky(M, L)
+    for column in columns:
+        solve_lower(L, column, n)
+        solve_upper(L, column, n)
+    return columns
 
 
 @njit(cache=True)
@@ -126,7 +139,7 @@ def _most_urgent(e, v, offset, high, low, active):
 def _led_energy(e, M, v, a):
     """Return the kinetic energy (J) at the velocities that the accelerations lead to before they can be taken back."""
     led = v + a * (2.0 * e.period + 0.5 * np.abs(a) / e.jerk)
-    return 0.5 * (led @ (M @ led))
+    return 0.5 * (led * apply(M, led)).sum()
 
 
 @njit(cache=True)

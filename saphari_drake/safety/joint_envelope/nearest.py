@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.products import apply, cholesky, solve_lower, solve_upper
 
 _MAX_STEPS = 100
 _TOLERANCE = 1e-9
@@ -33,7 +34,7 @@ def nearest(H_inv, x0, C, low, high, x, active):
     x[:] = x0
     active[:] = 0
     which, price = np.empty(n, dtype=np.int64), np.zeros(n + 1)
-    rows = np.empty((n, n))  # signed normals of the active limits
+    rows, pulled = np.empty((n, n)), np.empty((n, n))  # signed normals of the active limits, and H⁻¹ times them
     k = 0
     side, p, violation = 0, -1, 0.0
     for _ in range(_MAX_STEPS):
@@ -45,18 +46,14 @@ def nearest(H_inv, x0, C, low, high, x, active):
                 return False  # rounding: what is active is not met
             price[k] = 0.0
         normal = -side * C[p]
-        toward = H_inv @ normal
-        slopes = np.zeros(k)
-        if k > 0:
-            G = rows[:k]
-            slopes = np.linalg.solve(G @ H_inv @ G.T, G @ toward)
-            toward = toward - H_inv @ (G.T @ slopes)
+        whole = apply(H_inv, normal)
+        slopes, toward = _slopes(rows[:k], pulled[:k], whole)
         dual, leaving = np.inf, -1
         for j in range(k):
             if slopes[j] > 1e-12 and price[j] / slopes[j] < dual:
                 dual, leaving = price[j] / slopes[j], j
-        curvature = toward @ normal
-        primal = violation / curvature if k < n and curvature > 1e-12 * (normal @ H_inv @ normal) else np.inf
+        curvature = (toward * normal).sum()
+        primal = violation / curvature if k < n and curvature > 1e-12 * (whole * normal).sum() else np.inf
         step = min(dual, primal)
         if step == np.inf:
             return False
@@ -68,21 +65,39 @@ def nearest(H_inv, x0, C, low, high, x, active):
         if dual < primal:
             active[which[leaving]] = 0
             for j in range(leaving, k - 1):
-                which[j], price[j], rows[j] = which[j + 1], price[j + 1], rows[j + 1]
+                which[j], price[j], rows[j], pulled[j] = which[j + 1], price[j + 1], rows[j + 1], pulled[j + 1]
             price[k - 1] = price[k]
             k -= 1
         else:
-            which[k], rows[k], active[p] = p, normal, side
+            which[k], rows[k], pulled[k], active[p] = p, normal, whole, side
             k += 1
             p = -1
     return False
 
 
 @njit(cache=True)
+def _slopes(rows, pulled, whole):
+    """Return how fast the prices of the active limits fall, and the step direction that leaves these limits as they are."""
+    k, toward = len(rows), whole.copy()
+    slopes, S, L = np.empty(k), np.empty((k, k)), np.zeros((k, k))
+    for i in range(k):
+        slopes[i] = (rows[i] * whole).sum()
+        for j in range(k):
+            S[i, j] = (rows[i] * pulled[j]).sum()
+    if k > 0:
+        cholesky(S, L)
+        solve_lower(L, slopes, k)
+        solve_upper(L, slopes, k)
+        for i in range(k):
+            toward -= slopes[i] * pulled[i]
+    return slopes, toward
+
+
+@njit(cache=True)
 def _most_violated(C, low, high, x):
     """Return side (+1: the upper limit), row and size of the largest violation; row −1 without one."""
     side, p, worst = 0, -1, 0.0
-    y = C @ x
+    y = apply(C, x)
     for i in range(len(low)):
         if y[i] - high[i] > max(worst, _TOLERANCE * (1.0 + abs(high[i]))):
             side, p, worst = 1, i, y[i] - high[i]

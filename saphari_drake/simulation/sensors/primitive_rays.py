@@ -6,6 +6,7 @@ import numpy as np
 
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER
+from saphari_drake.math.products import apply
 
 # Size of both: half extents along x, y, z; a half space fills z < 0 and has none.
 ELLIPSOID, HALF_SPACE = 3, 4
@@ -30,7 +31,7 @@ def draw(depth, kind, size, R_CS, p_CS, left, right, x, y):
     """
     for s in range(len(kind)):
         R = R_CS[s]
-        o = -(R.T @ p_CS[s])  # the optical centre, seen from the shape
+        o = -apply(R.T, p_CS[s])  # the optical centre, seen from the shape
         for r in range(depth.shape[0]):
             e0, e1, e2 = R[1, 0] * y[r] + R[2, 0], R[1, 1] * y[r] + R[2, 1], R[1, 2] * y[r] + R[2, 2]
             for c in range(left[s, r], right[s, r]):
