@@ -82,7 +82,17 @@ def measure(law, finders, scenes):
             for finder, image in zip(finders, images):
                 clock("- vision, a camera", finder.look, image, at.R_WL, at.p_WL, 2)
             clock("- cameras, all candidates", law.vision_cost, x, a, look(finders, images, at))
-            clock("- residual, all candidates", kernels.residual_costs, terms.parent, at.S, t.link, x, a, r, law._model)
+            clock(
+                "- residual, all candidates",
+                kernels.residual_costs,
+                terms.parent,
+                at.motion.S,
+                t.link,
+                x,
+                a,
+                r,
+                law._model,
+            )
             clock("- modes, refinement and cone force", law.decide, memory)
             clock("published method", published_localization, finders[0].camera, images[0], terms, r, 0.6)
     return clock

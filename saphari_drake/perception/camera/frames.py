@@ -68,10 +68,22 @@ class Instant(NamedTuple):
     """A robot when a frame was taken."""
 
     stamp: float  # s
-    S: Array  # (n, 6) joint axes
-    R_WL: Array  # (n, 3, 3)
-    p_WL: Array  # (n, 3) m
+    motion: Kinematics  # at rest
     r: Array | None = None  # (n,) residual, Nm
+
+    @property
+    def R_WL(self) -> Array:
+        """Orientations of the links, (n, 3, 3)."""
+        return self.motion.R_WL
+
+    @property
+    def p_WL(self) -> Array:
+        """Positions of the links (m), (n, 3)."""
+        return self.motion.p_WL
+
+    def jacobian(self, link: int, p_L: Array) -> Array:
+        """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
+        return self.motion.point(link, p_L).Jv_WC
 
     def felt(self, least: float) -> bool:
         """Whether the norm of the residual is above `least` (Nm)."""
@@ -79,12 +91,5 @@ class Instant(NamedTuple):
 
 
 def instant(robot: RobotModel, stamp: float, q: Array, r: Array | None = None) -> Instant:
-    """Return the kinematics at joint positions q (n,), with the residual r (n,) of the same time."""
-    motion = robot.kinematics(q)
-    return Instant(stamp, motion.S, motion.R_WL, motion.p_WL, r)
-
-
-def point_jacobian(robot: RobotModel, at: Instant, link: int, p_L: Array) -> Array:
-    """Return the Jacobian (3, n), in the world, of a point p_L (m) of a link."""
-    zero = np.zeros((robot.n, 6))
-    return Kinematics(at.R_WL, at.p_WL, at.S, zero, zero, robot.tree.parent).point(link, p_L).Jv_WC
+    """Return a robot at joint positions q (n,), with the residual r (n,) of the same time."""
+    return Instant(stamp, robot.kinematics(q), r)

@@ -122,9 +122,9 @@ def _ever_free(
     free = np.zeros(len(p_L), dtype=bool)
     for k in range(12):
         q = robot.home if k == 0 else rng.uniform(low, high)
-        R_WL, p_WL, *_ = robot.kinematics(q).motion
-        R_WS, p_WS = shapes.in_world(R_WL, p_WL)
-        p_W = p_WL[link] + np.einsum("mij,mj->mi", R_WL[link], p_L)
+        at = robot.kinematics(q)
+        R_WS, p_WS = shapes.in_world(at.R_WL, at.p_WL)
+        p_W = at.p_WL[link] + np.einsum("mij,mj->mi", at.R_WL[link], p_L)
         _add_free(Primitives(shapes.kind, shapes.size, shapes.link, R_WS, p_WS), own, p_W, free)
     return free
 

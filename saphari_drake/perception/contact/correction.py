@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.friction_cone import tangents
-from saphari_drake.perception.camera.frames import Instant, point_jacobian
+from saphari_drake.perception.camera.frames import Instant
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ def corrected_point(
     left : float
         Square root of the minimum: how many deviations residual and seen point are apart.
     """
-    n, J = robot.n, point_jacobian(robot, at, link, p_L)
+    n, J = robot.n, at.jacobian(link, p_L)
     T = np.empty((2, 3))
     tangents(at.R_WL[link] @ n_L, T[0], T[1])
     moves = np.zeros(n, dtype=bool)
@@ -54,7 +54,7 @@ def corrected_point(
     A[n:, 3:] = np.eye(2) / point_sigma
     F = np.linalg.lstsq(A[:n, :3], b[:n], rcond=_RCOND)[0]
     for _ in range(2):
-        A[:n, 3:] = moves[:, None] * np.cross(F, at.S[:, :3]) @ T.T / torque_sigma
+        A[:n, 3:] = moves[:, None] * np.cross(F, at.motion.S[:, :3]) @ T.T / torque_sigma
         x = np.linalg.lstsq(A, b, rcond=_RCOND)[0]
         F, shift = x[:3], x[3:]
         shift *= min(1.0, _FARTHEST * point_sigma / max(float(np.linalg.norm(shift)), 1e-12))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.math.friction_cone import expected_forces_in_cones, force_in_cone
-from saphari_drake.perception.camera.frames import Instant, point_jacobian
+from saphari_drake.perception.camera.frames import Instant
 from saphari_drake.perception.contact.parameters import FusionParameters
 from saphari_drake.perception.contact.values import FusionMemory, Mode
 from saphari_drake.robots.model import RobotModel
@@ -69,7 +69,7 @@ class ContactForces:
     def _jacobians(self, at: Instant, modes: Sequence[Mode]) -> tuple[Array, Array]:
         """Return Jacobians (k, 3, n) and inward normals (k, 3) of contacts."""
         inward = np.array([-at.R_WL[mode.link] @ mode.n_L for mode in modes])
-        return np.array([point_jacobian(self._robot, at, mode.link, mode.p_L) for mode in modes]), inward
+        return np.array([at.jacobian(mode.link, mode.p_L) for mode in modes]), inward
 
     def _lasting(self, memory: FusionMemory, modes: Sequence[Mode]) -> tuple[Array, float]:
         """Return the forces (k, 3) at contacts that explain the mean residual of all frames, and their misfit."""
@@ -86,4 +86,4 @@ class ContactForces:
 
 def in_world(at: Instant, mode: Mode) -> Array:
     """Return the point (3,) of a mode in the world (m)."""
-    return at.p_WL[mode.link] + at.R_WL[mode.link] @ mode.p_L
+    return at.motion.position(mode.link, mode.p_L)

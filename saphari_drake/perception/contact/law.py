@@ -89,7 +89,7 @@ class ContactFusionLaw:
             nothing = np.zeros(len(c.link))
             return Evidence(at, nothing, nothing, nothing, seen)
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
-        misfit, spread = kernels.residual_costs(self.robot.tree.parent, at.S, c.link, x, a, r, self._model)
+        misfit, spread = kernels.residual_costs(self.robot.tree.parent, at.motion.S, c.link, x, a, r, self._model)
         return Evidence(at, misfit, spread, self.vision_cost(x, a, views), seen)
 
     def vision_cost(self, x: Array, a: Array, views: Sequence[View]) -> Array:

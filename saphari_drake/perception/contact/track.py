@@ -108,7 +108,7 @@ class ContactTracker:
     def _moved(self, track: ContactTrack, place: Place, at: Instant, weight: float) -> ContactTrack:
         """Return the track with its contact moved towards a place, or put there."""
         params, last = self._params, track.contact
-        p_W, p_W_last = _world(at, place.link, place.p_LC), _world(at, last.link, last.p_LC)
+        p_W, p_W_last = at.motion.position(place.link, place.p_LC), at.motion.position(last.link, last.p_LC)
         if np.linalg.norm(p_W - p_W_last) >= params.jump:
             if track.elsewhere + 1 < params.switch_frames:
                 held = replace(last, distance=place.distance, stamp=at.stamp)
@@ -119,7 +119,7 @@ class ContactTracker:
         known = track.variance + params.slide**2 * (at.stamp - last.stamp)
         gain = known / (known + self._variance(place))
         p_W = p_W_last + gain * (p_W - p_W_last)
-        p_LC, n_L = self._robot.shapes.nearest_on(link, at.R_WL[link].T @ (p_W - at.p_WL[link]))
+        p_LC, n_L = self._robot.shapes.nearest_on(link, at.motion.in_link(link, p_W))
         contact = _contact(place._replace(link=link), p_LC, n_L, at)
         share = share if link == last.link else 0.0
         return ContactTrack(contact, (1.0 - gain) * known, track.balance, share, felt=self._felt(at))
@@ -132,10 +132,6 @@ class ContactTracker:
         """Return the variance (m²) of the contact point that a frame shows."""
         away = max(place.distance - self._params.near, 0.0)
         return self._params.point_sigma**2 + away**2
-
-
-def _world(at: Instant, link: int, p_L: Array) -> Array:
-    return at.p_WL[link] + at.R_WL[link] @ p_L
 
 
 def _contact(place: Place, p_LC: Array, n_L: Array, at: Instant) -> ContactPoint:

@@ -48,7 +48,7 @@ class FusionMemory(Immutable):
         r = np.array([at.r for at in self.frames])
         mean = np.add.reduceat(weight[:, None] * r, first) / total[:, None]
         kept = [self.frames[k] for k in last]
-        S, R_WL, p_WL = (np.array([getattr(at, name) for at in kept]) for name in ("S", "R_WL", "p_WL"))
+        S, R_WL, p_WL = (np.array([getattr(at.motion, name) for at in kept]) for name in ("S", "R_WL", "p_WL"))
         return Window(S, R_WL, p_WL, mean, total)
 
 

@@ -114,8 +114,8 @@ class ObstacleTracker(LeafSystem):
 
     def _points(self, depth: Depth, q: Array) -> Array:
         """Return the points (k, 3) in the world that are neither robot nor background."""
-        at = self._robot.kinematics(q)
-        return self._filter.person(depth, at.R_WL, at.p_WL).points
+        motion = self._robot.kinematics(q)
+        return self._filter.person(depth, motion.R_WL, motion.p_WL).points
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()

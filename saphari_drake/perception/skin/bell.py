@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 
@@ -14,6 +16,14 @@ _ROOT2PI = math.sqrt(2.0 * math.pi)
 # Flatness of a bell: the profile is a Gaussian times 1 + FLATNESS (r²/s² − 2). The least squares fit to the parabolic
 # pressure between a soft cover and a round tip gives 0.26, to Hertz's 0.27.
 FLATNESS = 0.26
+
+
+class Grid(NamedTuple):
+    """Where the modules of a patch, or of a window of it, lie on its surface."""
+
+    u: NDArray[np.float64]  # (a,) m, coordinates of the rows
+    v: NDArray[np.float64]  # (b,) m, and of the columns
+    pitch: float  # m
 
 
 @njit(cache=True)
@@ -39,23 +49,21 @@ def _segment(a, b, out):
 
 
 @njit(cache=True)
-def bell_share(u, v, pitch, shape, share, slope):
+def bell_share(grid, shape, share, slope):
     """Fill how much of a unit bell each module of a grid carries (a·b,), and its slope over the shape (a·b, 5).
 
     The bell is integrated over the square of the module, so that an endless grid carries all of it.
 
     Parameters
     ----------
-    u, v : (a,) and (b,) arrays
-        Surface coordinates of the grid's rows and columns (m).
-    pitch : float
+    grid : Grid
     shape : (5,) array
         Middle u, v (m), log of the widths s_u and s_v (m), and skew c: the first-order turn of the axes, c s_u s_v
         ∂²/∂u∂v of the upright bell.
     share : (a·b,) array
     slope : (a·b, 5) array
     """
-    half = 0.5 * pitch
+    u, v, half = grid.u, grid.v, 0.5 * grid.pitch
     su, sv, c = math.exp(shape[2]), math.exp(shape[3]), shape[4]
     x, y = np.empty(10), np.empty((v.shape[0], 10))
     for j in range(v.shape[0]):

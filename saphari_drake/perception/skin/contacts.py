@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SkinContact
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.skin.bell import Grid
 from saphari_drake.perception.skin.calibration import SkinCalibration
-from saphari_drake.perception.skin.fit import completed_forces, fit_window
+from saphari_drake.perception.skin.fit import Prior, completed_forces, fit_window
 from saphari_drake.perception.skin.kernels import felt_forces, fill_unusable, pressure_peaks, remove_crosstalk
 from saphari_drake.perception.skin.layout import SkinLayout, neighbour_table
 
@@ -100,8 +101,10 @@ class SkinContactLaw:
         self.neighbours = neighbour_table(layout.rows, layout.columns)
         params, pitch = self.params, layout.pitch
         usual, least = np.log(params.usual_width * pitch), np.log(params.least_width * pitch)
-        self._prior = np.array([usual, least, params.width_weight, params.round_weight])
-        self._u, self._v = layout.uv[:: layout.columns, 0].copy(), layout.uv[: layout.columns, 1].copy()
+        self._prior = Prior(
+            usual, least, params.width_weight, params.round_weight, params.floor, int(params.fit_rounds)
+        )
+        self._grid = Grid(layout.uv[:: layout.columns, 0].copy(), layout.uv[: layout.columns, 1].copy(), pitch)
         self._compile()
 
     def _compile(self) -> None:
@@ -110,8 +113,7 @@ class SkinContactLaw:
         usable = np.ones(self.layout.count, dtype=bool)
         felt_forces(np.zeros((self.layout.count, 4)), self.calibration.inverse, usable, np.empty((len(uv), 3)))
         f_M = -load[:, None] * np.array([0.0, 0.0, 1.0])
-        bells, share = self._fit(self._in_link(f_M), usable, self._start(f_M))
-        completed_forces(self._in_link(f_M), usable, share, bells.force)
+        self._fit(self._in_link(f_M), usable, self._start(f_M))
         fill_unusable(self.neighbours, usable, f_M)
         remove_crosstalk(f_M, self.calibration.coupling, self.neighbours, usable, 1, f_M.copy())
 
@@ -189,17 +191,16 @@ class SkinContactLaw:
 
     def _fit_group(self, f_L: Array, usable: Mask, start: Bells) -> tuple[Bells, Array, float]:
         """Fit bells that overlap; return them, their shares, and what they leave as a share of the force."""
-        layout, params = self.layout, self.params
+        layout = self.layout
         shape, force = start.shape.copy(), start.force.copy()
         share = np.empty((len(shape), layout.count))
         reach = _WINDOW * layout.pitch
-        rows, columns = (
-            np.searchsorted(line, [c.min() - reach, c.max() + reach]) for line, c in zip((self._u, self._v), shape.T)
-        )
-        error = fit_window(
-            f_L, usable, rows, columns, self._u, self._v, layout.pitch, params.floor, shape, force, self._prior,
-            int(params.fit_rounds), share,
-        )  # fmt: skip
+        window = [
+            int(np.searchsorted(line, edge))
+            for line, c in zip(self._grid[:2], shape.T)
+            for edge in (c.min() - reach, c.max() + reach)
+        ]
+        error = fit_window(f_L, usable, tuple(window), self._grid, shape, force, self._prior, share)
         return Bells(shape, force), share, error
 
     def _split(self, f_L: Array, usable: Mask, bells: Bells, share: Array, error: float) -> tuple[Bells, Array]:

@@ -117,8 +117,8 @@ class SkinSensor(LeafSystem):
     def touches(self, context: Context) -> list[Touch]:
         """Return the contacts on the link at this moment, in the link frame."""
         q = self._state.Eval(context)[: self._robot.n]
-        at, link = self._robot.kinematics(q), self._layout.link
-        R_WL, p_WL = at.R_WL[link], at.p_WL[link]
+        motion, link = self._robot.kinematics(q), self._layout.link
+        R_WL, p_WL = motion.R_WL[link], motion.p_WL[link]
         touches = []
         if self._contacts.HasValue(context):
             results: ContactResults = self._contacts.Eval(context)

@@ -1,8 +1,10 @@
-"""Remembered postures: interpolation in time."""
+"""Remembered postures: interpolation in time, and link poses as everywhere else."""
 
 import numpy as np
+from arms import states
 
-from saphari_drake.perception.camera.frames import sample_at
+from saphari_drake.perception.camera.frames import instant, sample_at
+from saphari_drake.robots.dynamics import evaluate_dynamics
 
 
 def test_posture_is_interpolated_and_holds_at_both_ends():
@@ -11,3 +13,11 @@ def test_posture_is_interpolated_and_holds_at_both_ends():
     np.testing.assert_allclose(sample_at(postures, 0.15), [2.0, -1.0])
     np.testing.assert_array_equal(sample_at(postures, -1.0), [0.0, 1.0])
     np.testing.assert_array_equal(sample_at(postures, 1.0), [3.0, -1.0])
+
+
+def test_an_instant_has_the_poses_of_the_dynamics(lwr4):
+    for q, v in states(lwr4, 3):
+        at = instant(lwr4, 0.0, q)
+        terms = evaluate_dynamics(lwr4, q, v)
+        np.testing.assert_allclose(at.R_WL, terms.R_WL, atol=1e-15)
+        np.testing.assert_allclose(at.p_WL, terms.p_WL, atol=1e-15)

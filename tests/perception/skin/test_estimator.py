@@ -9,10 +9,10 @@ from skin_touches import NOISE, random_touch, statistics
 
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinStatus
-from saphari_drake.perception.skin.bell import bell_share
+from saphari_drake.perception.skin.bell import Grid, bell_share
 from saphari_drake.perception.skin.contacts import SkinContactParameters
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters, SkinLaw
-from saphari_drake.perception.skin.fit import fit_bells
+from saphari_drake.perception.skin.fit import Load, Prior, fit_bells
 from saphari_drake.perception.skin.kernels import pressure_peaks
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters, neighbour_table
 from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules
@@ -102,7 +102,7 @@ def test_bells_sum_to_one_and_their_slopes_are_right():
 
     def bell(x):
         share, slope = np.empty(41 * 41), np.empty((41 * 41, 5))
-        bell_share(line, line, 0.008, x, share, slope)
+        bell_share(Grid(line, line, 0.008), x, share, slope)
         return share, slope
 
     share, slope = bell(shape)
@@ -118,12 +118,12 @@ def test_a_fit_finds_the_bell_that_made_the_forces_without_the_module_in_the_mid
     true = np.array([[0.025, 0.022, np.log(0.004), np.log(0.0045), 0.1]])
     force = np.array([[0.5, -1.0, -9.0]])
     share, slope = np.empty(49), np.empty((49, 5))
-    bell_share(line, line, 0.008, true[0], share, slope)
+    bell_share(Grid(line, line, 0.008), true[0], share, slope)
     weight = np.ones(49)
     weight[24] = 0.0
     shape, found = true + [[0.002, -0.002, 0.2, -0.1, 0.0]], 0.7 * force
-    prior = np.array([np.log(0.004), np.log(0.001), 1e-6, 1e-6])
-    fit_bells(line, line, 0.008, share[:, None] * force, weight, shape, found, prior, 60, np.empty((1, 49)))
+    prior, load = Prior(np.log(0.004), np.log(0.001), 1e-6, 1e-6, 0.2, 60), Load(share[:, None] * force, weight)
+    fit_bells(Grid(line, line, 0.008), load, shape, found, prior, np.empty((1, 49)))
     np.testing.assert_allclose(found, force, rtol=2e-3)
     np.testing.assert_allclose(shape[0, :2], true[0, :2], atol=2e-5)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from saphari_drake.perception.skin import fit
-from saphari_drake.perception.skin.bell import bell_share
+from saphari_drake.perception.skin.bell import Grid, bell_share
 
-U, V, PITCH = 0.01 * np.arange(-3, 4), 0.01 * np.arange(-2, 3), 0.01
-PRIOR = np.array([np.log(0.012), np.log(0.004), 0.3, 0.2])
+GRID = Grid(0.01 * np.arange(-3, 4), 0.01 * np.arange(-2, 3), 0.01)
+PRIOR = fit.Prior(np.log(0.012), np.log(0.004), 0.3, 0.2, 0.2, 15)
 H = 1e-6
 
 
@@ -16,11 +16,11 @@ def evaluated(forces, weight, shape, force):
     bells, count = len(shape), len(forces)
     share, slope = np.empty((bells, count)), np.empty((bells, count, fit.SHAPE))
     for k in range(bells):
-        bell_share(U, V, PITCH, shape[k], share[k], slope[k])
+        bell_share(GRID, shape[k], share[k], slope[k])
     size = fit.SIZE * bells
-    row, normal, g = np.empty(size), np.empty((size, size)), np.empty(size)
-    fit._normal_equations(forces, weight, shape, force, PRIOR, share, slope, row, normal, g)
-    return fit._cost(forces, weight, shape, force, PRIOR, share), g.reshape(bells, fit.SIZE)
+    normal, g, load = np.empty((size, size)), np.empty(size), fit.Load(forces, weight)
+    fit._normal_equations(load, shape, force, PRIOR, share, slope, normal, g)
+    return fit._cost(load, shape, force, PRIOR, share), g.reshape(bells, fit.SIZE)
 
 
 @pytest.mark.parametrize("bells", [1, 2])
@@ -48,5 +48,5 @@ def test_the_step_goes_down_the_gradient_of_the_cost(bells):
 
 def _pull(shape):
     """Return how strongly a bell is pulled to the usual one, per square of its force."""
-    mean, aspect = 0.5 * (shape[2] + shape[3]) - PRIOR[0], shape[2] - shape[3]
-    return (PRIOR[2] * mean) ** 2 + PRIOR[3] ** 2 * (aspect**2 + shape[4] ** 2)
+    mean, aspect = 0.5 * (shape[2] + shape[3]) - PRIOR.usual, shape[2] - shape[3]
+    return (PRIOR.width * mean) ** 2 + PRIOR.round**2 * (aspect**2 + shape[4] ** 2)
