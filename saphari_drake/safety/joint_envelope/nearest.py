@@ -77,7 +77,7 @@ def nearest(H_inv, x0, C, low, high, x, active):
 
 @njit(cache=True)
 def _slopes(rows, pulled, whole):
-    """Return how fast the prices of the active limits fall, and the step direction that leaves these limits as they are."""
+    """Return how fast the prices of the active limits fall, and the step that leaves these limits as they are."""
     k, toward = len(rows), whole.copy()
     slopes, S, L = np.empty(k), np.empty((k, k)), np.zeros((k, k))
     for i in range(k):

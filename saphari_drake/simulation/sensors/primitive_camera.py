@@ -27,9 +27,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import SensorError
-from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, bounding_capsules
-from saphari_drake.perception.camera.model import CameraParameters, camera_pose
-from saphari_drake.perception.segmentation.regions import row_intervals
+from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bounding_capsules
+from saphari_drake.perception.camera.model import CameraParameters, camera_pose, pinhole
+from saphari_drake.perception.segmentation.regions import region_near
 from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
 
 Array = NDArray[np.float64]
@@ -81,9 +81,7 @@ class PrimitiveDepthCamera(LeafSystem):
         super().__init__()
         self._near, self._far = params.near, params.far
         self._X_CW = camera_pose(params).inverse()
-        self._pinhole = (params.focal_x, params.focal_y, *params.center, params.height, params.width)
-        self._x = (np.arange(params.width) + 0.5 - params.center[0]) / params.focal_x
-        self._y = (np.arange(params.height) + 0.5 - params.center[1]) / params.focal_y
+        self._pinhole = pinhole(params)
         X_WF = {inspector.world_frame_id(): RigidTransform(), **anchored}
         fixed: list[GeometryId] = []
         self._moving: list[GeometryId] = []
@@ -108,11 +106,11 @@ class PrimitiveDepthCamera(LeafSystem):
         X_CS = [self._X_CW @ X_WS for X_WS in poses]
         R = np.array([X.rotation().matrix() for X in X_CS]).reshape(-1, 3, 3)
         p = np.array([X.translation() for X in X_CS]).reshape(-1, 3)
-        radius, half, axis = bounding_capsules(np.where(kind == ELLIPSOID, BOX, kind), size)
-        left, right = row_intervals(radius, half, axis, R, p, 0.0, *self._pinhole)
+        bounds = bounding_capsules(np.where(kind == ELLIPSOID, BOX, kind), size)
+        region = region_near(Primitives(kind, size, np.zeros_like(kind), R, p), bounds, 0.0, self._pinhole)
         everywhere = kind == HALF_SPACE
-        left[everywhere], right[everywhere] = 0, depth.shape[1]
-        draw(depth, kind, size, R, p, left, right, self._x, self._y)
+        region.left[everywhere], region.right[everywhere] = 0, depth.shape[1]
+        draw(depth, kind, size, R, p, region.left, region.right, self._pinhole.x, self._pinhole.y)
 
     def _calc_image(self, context: Context, output: AbstractValue) -> None:
         query = self._query.Eval(context)

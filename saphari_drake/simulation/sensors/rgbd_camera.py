@@ -140,9 +140,9 @@ def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
 def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
     if params.renderer != "auto":
         return params.renderer
-    if not meshes(scene_graph.model_inspector()):
-        return "primitives"
-    return "raycast" if _renderer_problem() else "vtk"
+    if not _renderer_problem():
+        return "vtk"
+    return "raycast" if meshes(scene_graph.model_inspector()) else "primitives"
 
 
 def _vtk_camera(scene_graph: SceneGraph, params: CameraParameters) -> RgbdSensor:

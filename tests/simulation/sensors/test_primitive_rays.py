@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, bounding_capsules, surface_point
-from saphari_drake.perception.segmentation.regions import row_intervals
+from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bounding_capsules, surface_point
+from saphari_drake.perception.camera.model import Pinhole
+from saphari_drake.perception.segmentation.regions import region_near
 from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
 
 ROWS, COLUMNS, FOCAL = 60, 80, 70.0
@@ -30,8 +31,8 @@ def drawn(kind, size, R, p, everywhere=True):
     depth = np.full((ROWS, COLUMNS), np.inf, dtype=np.float32)
     left, right = np.zeros((len(kind), ROWS), dtype=np.int64), np.full((len(kind), ROWS), COLUMNS, dtype=np.int64)
     if not everywhere:
-        bounds = bounding_capsules(kind, size)
-        left, right = row_intervals(*bounds, R, p, 0.0, FOCAL, FOCAL, COLUMNS / 2, ROWS / 2, ROWS, COLUMNS)
+        pinhole = Pinhole(FOCAL, FOCAL, COLUMNS / 2, ROWS / 2, X.astype(np.float32), Y.astype(np.float32))
+        left, right, *_ = region_near(Primitives(kind, size, kind, R, p), bounding_capsules(kind, size), 0.0, pinhole)
     draw(depth, kind, size, R, p, left, right, X, Y)
     return depth
 

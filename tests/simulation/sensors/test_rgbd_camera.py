@@ -136,7 +136,7 @@ def test_engines_agree(engine, turn):
 TETRAHEDRON = Convex(points=0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]).T, label="mesh")
 
 
-def test_auto_takes_exact_rays_where_all_shapes_are_primitives(monkeypatch):
+def test_auto_without_vtk_takes_exact_rays_where_all_shapes_are_primitives(monkeypatch):
     monkeypatch.setattr(rgbd_camera, "_renderer_problem", lambda: "no driver")
     np.testing.assert_array_equal(render("auto")[1], render("primitives")[1])
     np.testing.assert_array_equal(render("auto", extra=TETRAHEDRON)[1], render("raycast", extra=TETRAHEDRON)[1])
@@ -149,9 +149,10 @@ def test_a_mesh_is_no_primitive():
 
 @pytest.mark.render
 @pytest.mark.skipif(bool(renderer_missing()), reason=renderer_missing() or "-")
-def test_auto_takes_vtk_for_meshes_where_it_works():
-    _, auto = render("auto", extra=TETRAHEDRON)
-    _, vtk = render("vtk", extra=TETRAHEDRON)
+@pytest.mark.parametrize("extra", [None, TETRAHEDRON])
+def test_auto_takes_vtk_where_it_works(extra):
+    _, auto = render("auto", extra=extra)
+    _, vtk = render("vtk", extra=extra)
     np.testing.assert_array_equal(auto, vtk)
 
 
