@@ -9,17 +9,20 @@ from pydrake.geometry import (
     ClippingRange,
     DepthRange,
     DepthRenderCamera,
+    FrameId,
     MakeRenderEngineVtk,
     RenderCameraCore,
     RenderEngineVtkParams,
     SceneGraph,
 )
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from saphari_drake.errors import SensorError
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
+from saphari_drake.simulation.sensors.primitive_camera import PrimitiveDepthCamera, meshes
 from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera
 
 RENDERER = "saphari_drake_depth"
@@ -89,7 +92,7 @@ def add_depth_camera(
     """Add a depth camera, connected to the SceneGraph, and return it.
 
     The camera sees geometry with the perception role. Its ports `depth_image_32f` (`ImageDepth32F`, m; 0 is too close
-    and +inf too far or nothing) and `image_time` (s) have the same names with both engines, and it renders when
+    and +inf too far or nothing) and `image_time` (s) have the same names with all engines, and it renders when
     `depth_image_32f` is evaluated. All geometry must be registered before this call.
 
     Parameters
@@ -105,22 +108,48 @@ def add_depth_camera(
     Raises
     ------
     SensorError
-        If the chosen engine cannot be started; "auto" falls back to ray casting without VTK.
+        If the chosen engine cannot be started, or cannot show a shape.
     """
-    vtk = params.renderer == "vtk" or (params.renderer == "auto" and not _renderer_problem())
-    X_WC = camera_pose(params)
+    renderer = _chosen(scene_graph, params)
     camera: LeafSystem | RgbdSensor
-    if vtk:
-        check_renderer()
-        if not scene_graph.HasRenderer(RENDERER):
-            scene_graph.AddRenderer(RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams(backend=_backend())))
-        info = CameraInfo(params.width, params.height, params.focal_x, params.focal_y, *params.center)
-        core = RenderCameraCore(RENDERER, info, ClippingRange(0.01, 2.0 * params.far), RigidTransform())
-        depth = DepthRenderCamera(core, DepthRange(params.near, params.far))
-        camera = RgbdSensor(scene_graph.world_frame_id(), X_WC, depth)
+    if renderer == "primitives":
+        camera = PrimitiveDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
+    elif renderer == "vtk":
+        camera = _vtk_camera(scene_graph, params)
     else:
         x, y = ray_tables(params)
+        X_WC = camera_pose(params)
         camera = RaycastingDepthCamera(scene_graph.model_inspector(), X_WC, x, y, params.near, params.far)
     builder.AddNamedSystem(name, camera)
     builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))
     return camera
+
+
+def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
+    """Return the poses in the world of the bodies that are welded to it, by their geometry's frames."""
+    poses = {}
+    for plant in (system for system in builder.GetSystems() if isinstance(system, MultibodyPlant)):
+        context = plant.CreateDefaultContext()
+        for body in plant.GetBodiesWeldedTo(plant.world_body()):
+            frame = plant.GetBodyFrameIdIfExists(body.index())
+            if frame is not None:
+                poses[frame] = plant.EvalBodyPoseInWorld(context, body)
+    return poses
+
+
+def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
+    if params.renderer != "auto":
+        return params.renderer
+    if not _renderer_problem():
+        return "vtk"
+    return "raycast" if meshes(scene_graph.model_inspector()) else "primitives"
+
+
+def _vtk_camera(scene_graph: SceneGraph, params: CameraParameters) -> RgbdSensor:
+    check_renderer()
+    if not scene_graph.HasRenderer(RENDERER):
+        scene_graph.AddRenderer(RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams(backend=_backend())))
+    info = CameraInfo(params.width, params.height, params.focal_x, params.focal_y, *params.center)
+    core = RenderCameraCore(RENDERER, info, ClippingRange(0.01, 2.0 * params.far), RigidTransform())
+    depth = DepthRenderCamera(core, DepthRange(params.near, params.far))
+    return RgbdSensor(scene_graph.world_frame_id(), camera_pose(params), depth)

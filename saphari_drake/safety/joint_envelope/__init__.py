@@ -1,0 +1,1 @@
+"""Joint envelope: the last element before the torque, which nothing leaves."""

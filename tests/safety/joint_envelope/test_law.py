@@ -1,0 +1,122 @@
+"""Whole arms under the worst commands: no joint leaves its envelope at any sample, and a stop always exists."""
+
+import numpy as np
+import pytest
+from arms import arm_path
+
+from saphari_drake.errors import ParameterError
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
+
+COMMANDS = ("noise", "constant", "nothing", "switching")
+
+
+def arm(name, tmp_path):
+    return RobotModel(arm_path(name, tmp_path))
+
+
+def command(rng, kind, tau_max, before):
+    if kind == "noise":
+        return rng.uniform(-1.0, 1.0, len(tau_max)) * 3.0 * tau_max
+    if kind == "switching" and rng.random() > 0.01:
+        return before
+    return rng.choice([-1.0, 1.0], len(tau_max)) * tau_max if kind in ("switching", "constant") else 0.0 * tau_max
+
+
+def run(robot, params, kind, seed, steps=600, push=0.0):
+    """Simulate an arm with exact dynamics; return shares of speed, position, torque and rate, energy and statuses."""
+    rng, envelope = np.random.default_rng(seed), envelope_of(robot, params)
+    T, n = params.period, robot.n
+    middle, half = 0.5 * (envelope.q_max + envelope.q_min), 0.5 * (envelope.q_max - envelope.q_min)
+    q, v = middle + rng.uniform(-0.9, 0.9, n) * half, np.zeros(n)
+    tau, external = evaluate_dynamics(robot, q, v).g, np.zeros(n)
+    wish, pushed = command(rng, kind, robot.tau_max, tau), np.zeros(n)
+    worst, energy, statuses = np.zeros(4), 0.0, set()
+    for k in range(steps):
+        terms = evaluate_dynamics(robot, q, v)
+        wish = wish if kind == "constant" else command(rng, kind, robot.tau_max, wish)
+        if k % 150 == 0:
+            pushed = rng.uniform(-1.0, 1.0, n) * push * params.push_share * robot.tau_max
+        external = external + np.clip(pushed - external, -0.05, 0.05)
+        h = terms.Cv + terms.g
+        torque, status, joint, _ = limited_torque(envelope, Motion(q, v, terms.M, h, external, tau), wish)
+        statuses.add(EnvelopeStatus(status))
+        assert (joint >= 0) == (status != EnvelopeStatus.FREE)
+        rate = np.max(np.abs(torque - tau)) / (params.torque_rate * T)
+        tau = torque
+        v = v + T * np.linalg.solve(terms.M, tau + external - h)
+        q = q + T * v
+        shares = np.abs(v) / robot.v_max, np.abs(q - middle) / half, np.abs(tau) / robot.tau_max
+        worst = np.maximum(worst, [*(np.max(share) for share in shares), rate])
+        energy = max(energy, float(0.5 * v @ terms.M @ v))
+    return worst, energy, statuses
+
+
+@pytest.mark.parametrize("name", ["lwr4", "panda", "xarm7"])
+@pytest.mark.parametrize("kind", COMMANDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_leaves_the_envelope(name, kind, seed, tmp_path):
+    """Speed, position, torque and its rate at each sample, with pushes within the share kept for them."""
+    worst, _, statuses = run(arm(name, tmp_path), JointEnvelopeParameters(), kind, seed, push=1.0)
+    np.testing.assert_array_less(worst, 1.0 + 1e-9)
+    assert EnvelopeStatus.BRAKING not in statuses
+
+
+@pytest.mark.parametrize("bound", [2.0, 5.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_energy_stays_below_its_bound(bound, seed, tmp_path):
+    worst, energy, statuses = run(
+        arm("lwr4", tmp_path), JointEnvelopeParameters(kinetic_energy=bound), "switching", seed, 1200
+    )
+    assert 0.2 * bound < energy <= bound
+    np.testing.assert_array_less(worst, 1.0 + 1e-9)
+    assert EnvelopeStatus.ENERGY in statuses
+
+
+def test_a_command_within_the_envelope_is_not_changed(tmp_path):
+    robot = arm("lwr4", tmp_path)
+    envelope, terms = envelope_of(robot, JointEnvelopeParameters()), evaluate_dynamics(robot, robot.home, np.zeros(7))
+    wish = terms.g + terms.M @ np.full(7, 0.2)
+    motion = Motion(robot.home, np.zeros(7), terms.M, terms.g, np.zeros(7), terms.g)
+    torque, status, joint, margin = limited_torque(envelope, motion, wish)
+    np.testing.assert_allclose(torque, wish, atol=1e-9)
+    assert (status, joint) == (EnvelopeStatus.FREE, -1)
+    assert 0.0 < margin < 1.0
+
+
+def test_a_push_stronger_than_the_motors_is_braked_and_told(tmp_path):
+    """Torques go to what brakes most, as fast as their rate allows, and stay within their limits."""
+    robot = arm("lwr4", tmp_path)
+    params = JointEnvelopeParameters()
+    envelope = envelope_of(robot, params)
+    q, v, push = robot.home.copy(), np.zeros(7), 3.0 * robot.tau_max * np.array([0, 0, 0, 1.0, 0, 0, 0])
+    terms = evaluate_dynamics(robot, q, v)
+    tau, statuses = terms.g, []
+    for _ in range(120):
+        terms = evaluate_dynamics(robot, q, v)
+        h = terms.Cv + terms.g
+        torque, status, _, margin = limited_torque(envelope, Motion(q, v, terms.M, h, push, tau), np.zeros(7))
+        assert np.max(np.abs(torque - tau)) <= params.torque_rate * params.period * (1.0 + 1e-9)
+        assert np.all(np.abs(torque) <= robot.tau_max * (1.0 + 1e-9))
+        tau = torque
+        v = v + params.period * np.linalg.solve(terms.M, tau + push - h)
+        q = q + params.period * v
+        statuses.append(status)
+    assert EnvelopeStatus.BRAKING in statuses
+    assert margin < 0.0
+    assert tau[3] < -0.5 * robot.tau_max[3]
+
+
+def test_a_robot_too_weak_to_stop_is_refused(tmp_path):
+    robot = arm("lwr4", tmp_path)
+    robot = RobotModel(robot.path, effort_limits=0.3 * robot.tau_max)
+    with pytest.raises(ParameterError, match="cannot stop"):
+        envelope_of(robot, JointEnvelopeParameters())
+
+
+@pytest.mark.parametrize("field", ["torque_rate", "kinetic_energy", "period", "push_share"])
+def test_bad_parameters_are_named(field):
+    with pytest.raises(ParameterError, match=field):
+        JointEnvelopeParameters(**{field: -1.0})
