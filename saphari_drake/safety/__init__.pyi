@@ -4,4 +4,7 @@ from .contact_detector import ContactDetector as ContactDetector
 from .contact_detector import ContactDetectorParameters as ContactDetectorParameters
 from .contact_monitor import ContactMonitor as ContactMonitor
 from .contact_monitor import ContactMonitorParameters as ContactMonitorParameters
+from .joint_envelope.law import EnvelopeStatus as EnvelopeStatus
+from .joint_envelope.parameters import JointEnvelopeParameters as JointEnvelopeParameters
+from .joint_envelope.system import JointEnvelope as JointEnvelope
 from .torque_limit import TorqueLimit as TorqueLimit

@@ -74,7 +74,7 @@ def figures_off(document: Mapping[str, Any], recorded: Mapping[str, Any]) -> lis
 
 
 def close(value: float | None, recorded: float | None, allowed: float) -> bool:
-    """Whether two figures differ by no more than is allowed, or by rounding; a missing one equals a missing one alone."""
+    """Whether two figures differ by no more than is allowed or by rounding; a missing one equals no other."""
     if value is None or recorded is None:
         return value is recorded
     return abs(value - recorded) <= max(allowed, ROUNDING)
