@@ -12,7 +12,9 @@ from experiments.evidence.summary import Bound, allowed_difference, bound_text, 
 from saphari_drake.simulation.runner.results import TIMING
 
 MAIN_SCRIPT = "contact_impedance"
-ROUNDING = 1e-9  # in each figure's own unit (m, rad, N, …); what is smaller is not distinguished
+# Differences smaller than the simulated sensors tell apart (encoders 1e-6, torques 0.01) are none; rounding elsewhere.
+RESOLUTION = {"m": 1e-6, "rad": 1e-6, "N": 1e-2, "Nm": 1e-2}
+ROUNDING = 1e-9
 
 
 def seed_of_the_day(today: date) -> int:
@@ -64,7 +66,7 @@ def figures_off(document: Mapping[str, Any], recorded: Mapping[str, Any]) -> lis
             lines += [f"{name} {text(value)}: has a bound and is not recorded"] if is_bounded(bound) else []
             continue
         was, allowed = known[name]["value"], known[name]["allowed"]
-        if not close(value, was, allowed):
+        if not close(value, was, max(allowed, RESOLUTION.get(document["units"][name], ROUNDING))):
             lines.append(f"{name} {text(value)}, recorded {text(was)}, allowed difference {allowed:.2g}")
         if moved_bound(bound, known[name]["bound"]):
             lines.append(f"{name}: bound {bound_text(bound)}, recorded {bound_text(known[name]['bound'])}")
@@ -74,10 +76,10 @@ def figures_off(document: Mapping[str, Any], recorded: Mapping[str, Any]) -> lis
 
 
 def close(value: float | None, recorded: float | None, allowed: float) -> bool:
-    """Whether two figures differ by no more than is allowed or by rounding; a missing one equals no other."""
+    """Whether two figures differ by no more than is allowed; a missing one equals a missing one alone."""
     if value is None or recorded is None:
         return value is recorded
-    return abs(value - recorded) <= max(allowed, ROUNDING)
+    return abs(value - recorded) <= allowed
 
 
 def moved_bound(bound: Bound, recorded: Bound) -> bool:

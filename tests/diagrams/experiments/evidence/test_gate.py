@@ -61,6 +61,15 @@ def test_a_figure_off_its_recorded_value_fails(metrics, words):
     assert lines[0].endswith("if that is meant, run report.py --only toy/a")
 
 
+@pytest.mark.parametrize(("value", "passes"), [(2.9e-7, True), (9e-7, True), (3e-6, False)])
+def test_what_no_sensor_tells_apart_is_no_difference(value, passes):
+    """A remainder of 0.2 µm in one run and 0.9 µm in another is none in both."""
+    tiny = {"error": (2e-7, None, None, True)}
+    known = {"toy": {"a": summarize_case([made(tiny)], 0)}}
+    lines = failures(made({"error": (value, None, None, True)}), known)
+    assert (lines == []) == passes
+
+
 def test_a_missing_value_that_was_missing_passes_and_one_that_appears_fails():
     never = changed("extra", None, None, None, True)
     assert failures(made(never), recorded(never)) == []
