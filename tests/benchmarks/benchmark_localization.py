@@ -20,6 +20,7 @@ import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 from experiments.localization.parameters import KINDS, SceneParameters  # noqa: E402
 from experiments.localization.published import published_localization  # noqa: E402
+from experiments.localization.pushes import torque_noise, wandering_forces  # noqa: E402
 from experiments.localization.scenes import ContactScenes  # noqa: E402
 
 from saphari_drake.perception.camera.frames import instant  # noqa: E402
@@ -71,8 +72,9 @@ def measure(law, finders, scenes):
         touch = scenes.draw(rng, 1 + index % 6, KINDS[index % 3])
         images = [scenes.noisy(z, k, rng) for k, z in enumerate(scenes.images([touch], touch.q)[: len(finders)])]
         terms = scenes.poses(touch.q)
-        forces = scenes.forces(rng, touch, FRAMES) @ terms.R_WL[touch.link].T
-        residuals = forces @ terms.point(touch.link, touch.p_L).Jv_WC + scenes.torque_noise(rng, FRAMES)
+        forces = wandering_forces(rng, touch, FRAMES, scenes.params) @ terms.R_WL[touch.link].T
+        noise = torque_noise(rng, scenes.robot.n, FRAMES, scenes.params)
+        residuals = forces @ terms.point(touch.link, touch.p_L).Jv_WC + noise
         memory = law.empty()
         for r in residuals:
             memory, _ = clock("whole cycle", cycle, law, finders, memory, touch.q, r, images)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from experiments.localization.parameters import KINDS
 from experiments.localization.published import published_localization
-from experiments.localization.pushes import forces, torque_noise
+from experiments.localization.pushes import torque_noise, wandering_forces
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
 from experiments.localization.scenes import ContactScenes, Touch
 from saphari_drake.perception.camera.frames import instant
@@ -68,7 +68,7 @@ def judged_scene(
     p, first, law = scenario.scenes, touches[0], localizer.law
     moving = rng.random() < scenario.moving
     noise = torque_noise(rng, scenes.robot.n, scenario.frames, scenes.params)
-    pushes = [forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
+    pushes = [wandering_forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
     memory, early = law.empty(), [NEVER] * len(touches)
     for k in range(scenario.frames):
         q = first.q + moving * first.v * k / scenario.cameras[0].rate

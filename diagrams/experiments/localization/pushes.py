@@ -9,7 +9,7 @@ from experiments.localization.scenes import Touch
 Array = NDArray[np.float64]
 
 
-def forces(rng: np.random.Generator, touch: Touch, frames: int, p: SceneParameters) -> Array:
+def wandering_forces(rng: np.random.Generator, touch: Touch, frames: int, p: SceneParameters) -> Array:
     """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
     inward = -touch.n_L
     size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from experiments.localization.parameters import SceneParameters
-from experiments.localization.pushes import forces
+from experiments.localization.pushes import wandering_forces
 from experiments.localization.scenes import ContactScenes
 from scipy.spatial.distance import cdist
 
@@ -190,7 +190,7 @@ def seen_touch(scenes, law, seed):
         image = scenes.images([touch], touch.q)[0]
         if scenes.visible(image, 0, touch, touch.q):
             terms = scenes.poses(touch.q)
-            F = terms.R_WL[touch.link] @ forces(rng, touch, 1, scenes.params)[0]
+            F = terms.R_WL[touch.link] @ wandering_forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, touched(terms, touch.link, touch.p_L, F)
 
 

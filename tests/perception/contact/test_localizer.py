@@ -9,7 +9,7 @@ import pytest
 from bench import Bench as SystemBench
 from camera_scene import HandScene, likeliest, noisy, place_finder
 from experiments.localization.parameters import SceneParameters
-from experiments.localization.pushes import forces
+from experiments.localization.pushes import wandering_forces
 from experiments.localization.scenes import ContactScenes
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
@@ -358,7 +358,7 @@ def seen_touch(scenes, seed):
         image = scenes.images([touch], touch.q)[0]
         if scenes.visible(image, 0, touch, touch.q):
             terms = scenes.poses(touch.q)
-            F = terms.R_WL[touch.link] @ forces(rng, touch, 1, scenes.params)[0]
+            F = terms.R_WL[touch.link] @ wandering_forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, terms.point(touch.link, touch.p_L).Jv_WC.T @ F
 
 
@@ -375,7 +375,7 @@ def frame(image):
 
 def test_fusion_finds_holds_and_clones(system, scenes):
     touch, image, _, F, r = seen_touch(scenes, 3)
-    bench = SystemBench(system, position_measured=touch.q, residual=r, depth_image=frame(image), image_time=0.0)
+    bench = SystemBench(system, position_measured=touch.q, torque_external=r, depth_image=frame(image), image_time=0.0)
     bench.run(2)
     contact = bench.read("contact_point")
     assert contact.found and contact.link == touch.link
@@ -395,7 +395,7 @@ def test_fusion_finds_holds_and_clones(system, scenes):
 def test_fusion_without_a_finite_residual_knows_what_is_seen_and_no_force(system, scenes):
     touch, image, _, _, r = seen_touch(scenes, 3)
     bench = SystemBench(
-        system, position_measured=touch.q, residual=r * np.nan, depth_image=frame(image), image_time=0.0
+        system, position_measured=touch.q, torque_external=r * np.nan, depth_image=frame(image), image_time=0.0
     )
     bench.run(2)
     contact = bench.read("contact_point")
@@ -489,7 +489,7 @@ for fusion in (None, FusionParameters()):
     system = ContactLocalizer(scene.robot, [scene.camera], fusion=fusion)
     before = compiled()
     residual = np.full(scene.robot.n, 20.0)
-    bench = Bench(system, position_measured=touch.q, residual=residual, depth_image=image, image_time=0.0)
+    bench = Bench(system, position_measured=touch.q, torque_external=residual, depth_image=image, image_time=0.0)
     for time in (0.0, 0.01, 0.02):
         bench.run(2, image_time=time)
     assert bench.read("contact_point").found
