@@ -62,18 +62,6 @@ def declare_readouts(
         )
 
 
-def declare_value(
-    system: LeafSystem, name: str, initial: object, entry: CacheEntry, read: Callable[[Any], object]
-) -> None:
-    """Declare an abstract output port with ``read`` applied to the cached value; `initial` gives its type."""
-    system.DeclareAbstractOutputPort(
-        name,
-        alloc=lambda: AbstractValue.Make(initial),
-        calc=lambda context, value: value.set_value(read(entry.Eval(context))),
-        prerequisites_of_calc={entry.ticket()},
-    )
-
-
 def connect(builder: DiagramBuilder, *wires: tuple) -> None:
     """Connect ports of equal names, for each wire ``(source, name, *targets)``."""
     for source, name, *targets in wires:

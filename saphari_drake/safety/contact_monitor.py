@@ -19,7 +19,7 @@ from saphari_drake.messages import (
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import cycle, declare_cache, declare_readouts, declare_value
+from saphari_drake.systems import cycle, declare_cache, declare_outputs, declare_readouts
 
 Array = NDArray[np.float64]
 _CAMERA_WORKS = (CameraStatus.WAITING, CameraStatus.OK)
@@ -117,8 +117,8 @@ class ContactMonitor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         state, inputs = {self.abstract_state_ticket(self._memory)}, {self.all_input_ports_ticket()}
         decision = declare_cache(self, "interaction", start, self._interaction, state)
-        declare_value(self, "interaction", start, decision, lambda interaction: interaction)
-        declare_value(self, "active_contact", ContactPoint(), decision, lambda interaction: interaction.contact)
+        reads = {"interaction": lambda decided: decided, "active_contact": lambda decided: decided.contact}
+        declare_outputs(self, decision.Eval, decision.ticket(), start, reads)
         declare_readouts(self, decision, {"mode": (1, lambda interaction: [float(interaction.mode)])})
         status = declare_cache(self, "status", SystemStatus.OK, self._status, inputs)
         declare_readouts(self, status, {"system_status": (1, lambda status: [float(status)])})

@@ -28,7 +28,7 @@ from saphari_drake.parameters import diagonal, positive_definite
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.systems import declare_cache, declare_readouts, declare_value
+from saphari_drake.systems import declare_cache, declare_outputs, declare_readouts
 
 Array = NDArray[np.float64]
 ANSWERED = (InteractionMode.CONTACT, InteractionMode.RETURN)
@@ -78,7 +78,8 @@ class ContactController(LeafSystem):
             "contact_position": (3, lambda o: o.p_WC),
         }
         declare_readouts(self, self._output, {**shared, **readouts})
-        declare_value(self, "selection", Selection(), self._output, lambda o: o.selection)
+        selection = {"selection": lambda output: output.selection}
+        declare_outputs(self, self._output.Eval, self._output.ticket(), start, selection)
 
     def _evaluate(self, context: Context) -> ContactOutput:
         terms: DynamicsTerms = self._dynamics.Eval(context)

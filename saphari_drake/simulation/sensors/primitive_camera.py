@@ -7,7 +7,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import (
     Box,
     Capsule,
@@ -16,55 +15,29 @@ from pydrake.geometry import (
     FrameId,
     GeometryId,
     HalfSpace,
-    QueryObject,
     Role,
     SceneGraphInspector,
     Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import SensorError
 from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bounding_capsules
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose, pinhole
 from saphari_drake.perception.segmentation.regions import region_near
+from saphari_drake.simulation.sensors.depth_camera import DepthCamera
 from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int64]
 
 
-class PrimitiveDepthCamera(LeafSystem):
-    """Depth camera fixed in the world that intersects the ray of each pixel with the primitives of a SceneGraph.
+class PrimitiveDepthCamera(DepthCamera):
+    """Depth camera that intersects the ray of each pixel with primitives; ports and parameters: `DepthCamera`.
 
-    .. pydrake_system::
-
-        name: PrimitiveDepthCamera
-        input_ports:
-        - geometry_query
-        output_ports:
-        - depth_image_32f
-        - image_time
-
-    Ports
-    -----
-    geometry_query : abstract `QueryObject`, from the SceneGraph's query port.
-    depth_image_32f : abstract `ImageDepth32F` (m along the optical axis): 0 nearer than `near`, +inf beyond `far`.
-    image_time : 1 (s), the time of the Context, at which the image is rendered.
-
-    It sees geometry with the perception role that is registered when it is constructed, from outside: a shape that
-    holds the camera is not seen. What is fixed in the world is drawn once; a frame looks only at the pixels around
-    the bounding capsules of the rest.
-
-    Parameters
-    ----------
-    inspector : SceneGraphInspector
-        Of the SceneGraph that is connected.
-    params : CameraParameters
-    anchored : mapping from FrameId to RigidTransform, optional
-        Poses in the world of frames that never move, beside the world's own.
+    Shapes are seen from outside: one that holds the camera is not seen. A frame looks only at the pixels around the
+    bounding capsules of what moves.
 
     Raises
     ------
@@ -78,29 +51,16 @@ class PrimitiveDepthCamera(LeafSystem):
         params: CameraParameters,
         anchored: Mapping[FrameId, RigidTransform] = MappingProxyType({}),
     ) -> None:
-        super().__init__()
-        self._near, self._far = params.near, params.far
-        self._X_CW = camera_pose(params).inverse()
-        self._pinhole = pinhole(params)
-        X_WF = {inspector.world_frame_id(): RigidTransform(), **anchored}
-        fixed: list[GeometryId] = []
-        self._moving: list[GeometryId] = []
-        for geometry in inspector.GetAllGeometryIds(Role.kPerception):
-            (fixed if inspector.GetFrameId(geometry) in X_WF else self._moving).append(geometry)
+        super().__init__(inspector, params, anchored)
+        self._X_CW, self._pinhole = camera_pose(params).inverse(), pinhole(params)
         self._shapes = _primitives(inspector, self._moving)
         self._background = np.full((params.height, params.width), np.inf, dtype=np.float32)
-        poses = [X_WF[inspector.GetFrameId(g)] @ inspector.GetPoseInFrame(g) for g in fixed]
-        self._draw(self._background, *_primitives(inspector, fixed), poses)
-        self._query = self.DeclareAbstractInputPort("geometry_query", Value[QueryObject]())
-        self.DeclareAbstractOutputPort(
-            "depth_image_32f",
-            alloc=lambda: AbstractValue.Make(ImageDepth32F(params.width, params.height)),
-            calc=self._calc_image,
-            prerequisites_of_calc={self._query.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "image_time", BasicVector(1), self._calc_time, prerequisites_of_calc={self.time_ticket()}
-        )
+        self._draw(self._background, *_primitives(inspector, list(self._fixed)), list(self._fixed.values()))
+
+    def _depth(self, poses: list[RigidTransform]) -> NDArray[np.float32]:
+        depth = self._background.copy()
+        self._draw(depth, *self._shapes, poses)
+        return depth
 
     def _draw(self, depth: NDArray[np.float32], kind: Kinds, size: Array, poses: list[RigidTransform]) -> None:
         X_CS = [self._X_CW @ X_WS for X_WS in poses]
@@ -111,17 +71,6 @@ class PrimitiveDepthCamera(LeafSystem):
         everywhere = kind == HALF_SPACE
         region.left[everywhere], region.right[everywhere] = 0, depth.shape[1]
         draw(depth, kind, size, R, p, region.left, region.right, self._pinhole.x, self._pinhole.y)
-
-    def _calc_image(self, context: Context, output: AbstractValue) -> None:
-        query = self._query.Eval(context)
-        depth = self._background.copy()
-        self._draw(depth, *self._shapes, [query.GetPoseInWorld(geometry) for geometry in self._moving])
-        depth[depth > self._far] = np.inf
-        depth[depth < self._near] = 0.0
-        output.get_mutable_value().mutable_data[..., 0] = depth
-
-    def _calc_time(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_time())
 
 
 def meshes(inspector: SceneGraphInspector) -> list[str]:

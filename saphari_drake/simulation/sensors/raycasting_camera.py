@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import (
     Box,
     Capsule,
     Convex,
     Cylinder,
     Ellipsoid,
+    FrameId,
     HalfSpace,
     Mesh,
-    QueryObject,
-    Role,
     SceneGraphInspector,
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import SensorError
-from saphari_drake.perception.camera.model import back_projected
+from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.perception.camera.open3d_import import import_open3d
+from saphari_drake.simulation.sensors.depth_camera import DepthCamera
 
 Vertices = NDArray[np.float32]
 Triangles = NDArray[np.uint32]
@@ -32,37 +32,10 @@ Triangles = NDArray[np.uint32]
 _SEGMENTS = 72  # around a circle: a sphere of 0.1 m is off by 0.1 mm at most
 
 
-class RaycastingDepthCamera(LeafSystem):
-    """Depth camera fixed in the world that casts one ray a pixel against the geometry of a SceneGraph.
+class RaycastingDepthCamera(DepthCamera):
+    """Depth camera that casts the ray of each pixel against triangles; ports and parameters: `DepthCamera`.
 
-    .. pydrake_system::
-
-        name: RaycastingDepthCamera
-        input_ports:
-        - geometry_query
-        output_ports:
-        - depth_image_32f
-        - image_time
-
-    Ports
-    -----
-    geometry_query : abstract `QueryObject`, from the SceneGraph's query port.
-    depth_image_32f : abstract `ImageDepth32F` (m along the optical axis): 0 nearer than `near`, +inf beyond `far`.
-    image_time : 1 (s), the time of the Context, at which the image is rendered.
-
-    It sees geometry with the perception role that is registered when it is constructed. Shapes become triangles
-    there, and what is fixed in the world is rendered there too; later only the other triangles are moved.
-
-    Parameters
-    ----------
-    inspector : SceneGraphInspector
-        Of the SceneGraph that is connected.
-    X_WC : RigidTransform
-        Pose of the camera, z forward, x right, y down.
-    x, y : (width,) and (height,) float32 arrays
-        x/z of each column's and y/z of each row's rays in the camera frame.
-    near, far : float
-        Range of depths that are measured (m).
+    Shapes become triangles at construction.
 
     Raises
     ------
@@ -73,63 +46,37 @@ class RaycastingDepthCamera(LeafSystem):
     def __init__(
         self,
         inspector: SceneGraphInspector,
-        X_WC: RigidTransform,
-        x: NDArray[np.float32],
-        y: NDArray[np.float32],
-        near: float,
-        far: float,
+        params: CameraParameters,
+        anchored: Mapping[FrameId, RigidTransform] = MappingProxyType({}),
     ) -> None:
-        super().__init__()
+        super().__init__(inspector, params, anchored)
         self._o3d = import_open3d()
-        self._near, self._far = near, far
-        R_WC = X_WC.rotation().matrix()
-        rays = np.empty((len(y), len(x), 6), dtype=np.float32)
+        X_WC = camera_pose(params)
+        rays = np.empty((params.height, params.width, 6), dtype=np.float32)
         rays[..., :3] = X_WC.translation()
-        rays[..., 3:] = back_projected(x, y, np.ones((len(y), len(x)))) @ R_WC.T
+        rays[..., 3:] = back_projected(*ray_tables(params), np.ones(rays.shape[:2])) @ X_WC.rotation().matrix().T
         self._rays = rays
-        self._moving: list[tuple[object, Vertices, Triangles]] = []
-        fixed: list[tuple[Vertices, Triangles]] = []
-        for geometry in inspector.GetAllGeometryIds(Role.kPerception):
-            vertices, triangles = _triangulate(inspector.GetShape(geometry), inspector.GetName(geometry))
-            if inspector.GetFrameId(geometry) == inspector.world_frame_id():
-                fixed.append((_moved(inspector.GetPoseInFrame(geometry), vertices), triangles))
-            else:
-                self._moving.append((geometry, vertices, triangles))
-        self._background = self._cast(fixed)
-        self._query = self.DeclareAbstractInputPort("geometry_query", Value[QueryObject]())
-        self.DeclareAbstractOutputPort(
-            "depth_image_32f",
-            alloc=lambda: AbstractValue.Make(ImageDepth32F(len(x), len(y))),
-            calc=self._calc_image,
-            prerequisites_of_calc={self._query.ticket()},
+        self._meshes, fixed = (
+            [_triangulate(inspector.GetShape(g), inspector.GetName(g)) for g in part]
+            for part in (self._moving, self._fixed)
         )
-        self.DeclareVectorOutputPort(
-            "image_time", BasicVector(1), self._calc_time, prerequisites_of_calc={self.time_ticket()}
-        )
+        self._background = self._cast(fixed, list(self._fixed.values()))
 
-    def _cast(self, meshes: list[tuple[Vertices, Triangles]]) -> NDArray[np.float32]:
-        """Depth of the nearest triangle in each pixel, +inf without one."""
+    def _cast(self, meshes: list[tuple[Vertices, Triangles]], poses: list[RigidTransform]) -> NDArray[np.float32]:
+        """Return the depth of the nearest triangle in each pixel, +inf without one."""
         if not meshes:
             return np.full(self._rays.shape[:2], np.inf, dtype=np.float32)
         scene = self._o3d.t.geometry.RaycastingScene()
         offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
-        vertices = np.concatenate([vertices for vertices, _ in meshes])
+        vertices = np.concatenate([_moved(pose, vertices) for (vertices, _), pose in zip(meshes, poses)])
         triangles = np.concatenate([triangles + np.uint32(k) for (_, triangles), k in zip(meshes, offsets)])
         tensor = self._o3d.core.Tensor.from_numpy
         scene.add_triangles(tensor(vertices), tensor(triangles))
         # The rays have length 1 along the optical axis, so that the hit parameter is the depth.
         return scene.cast_rays(tensor(self._rays))["t_hit"].numpy().copy()
 
-    def _calc_image(self, context: Context, output: AbstractValue) -> None:
-        query = self._query.Eval(context)
-        depth = self._cast([(_moved(query.GetPoseInWorld(g), v), t) for g, v, t in self._moving])
-        depth = np.minimum(depth, self._background)
-        depth[depth > self._far] = np.inf
-        depth[depth < self._near] = 0.0
-        output.get_mutable_value().mutable_data[..., 0] = depth
-
-    def _calc_time(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_time())
+    def _depth(self, poses: list[RigidTransform]) -> NDArray[np.float32]:
+        return np.minimum(self._cast(self._meshes, poses), self._background)
 
 
 def _moved(X_WG: RigidTransform, vertices: Vertices) -> Vertices:

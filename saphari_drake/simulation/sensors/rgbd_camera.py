@@ -21,7 +21,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from saphari_drake.errors import SensorError
-from saphari_drake.perception.camera.model import CameraParameters, camera_pose, ray_tables
+from saphari_drake.perception.camera.model import CameraParameters, camera_pose
 from saphari_drake.simulation.sensors.primitive_camera import PrimitiveDepthCamera, meshes
 from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera
 
@@ -117,9 +117,7 @@ def add_depth_camera(
     elif renderer == "vtk":
         camera = _vtk_camera(scene_graph, params)
     else:
-        x, y = ray_tables(params)
-        X_WC = camera_pose(params)
-        camera = RaycastingDepthCamera(scene_graph.model_inspector(), X_WC, x, y, params.near, params.far)
+        camera = RaycastingDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
     builder.AddNamedSystem(name, camera)
     builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))
     return camera
