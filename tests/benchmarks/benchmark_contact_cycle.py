@@ -20,6 +20,7 @@ import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 from experiments.contact.cell import learn_background  # noqa: E402
 from experiments.contact.cycle_time import time_cycles  # noqa: E402
+from experiments.contact.run import ContactSetup  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
 from saphari_drake.control.contact.law import contact_impedance_torque  # noqa: E402
@@ -70,7 +71,7 @@ def main() -> None:
     timings.write(options.json)
 
 
-def stages(setup: script.Setup, state: np.ndarray, depth: np.ndarray, background: np.ndarray) -> dict[str, Callable]:
+def stages(setup: ContactSetup, state: np.ndarray, depth: np.ndarray, background: np.ndarray) -> dict[str, Callable]:
     """Return each stage as a call without arguments."""
     robot, system, n = setup.robot, setup.scenario.system, setup.robot.n
     q, v = state[:n], state[n:]
