@@ -3,6 +3,7 @@
 Run: python tests/benchmarks/null_space_postures.py
 """
 
+import argparse
 import os
 import sys
 from pathlib import Path
@@ -23,6 +24,7 @@ DURATION = {"task_error": 2.0, "task_error_pd": 10.0, "momentum": 2.0}  # s; Pro
 
 def main() -> None:
     """Print each posture's error without observer, and how much smaller it is with each."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print(f"{'arm':8}{'posture':>8}{'none, µm':>12}" + "".join(f"{name:>16}" for name in DURATION))
     for arm, count in POSTURES:
         robot = lwr4() if arm == "LWR4" else RobotModel(arm_path("xarm7", None))
