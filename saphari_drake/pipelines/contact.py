@@ -12,6 +12,7 @@ from saphari_drake.control.contact.parameters import ContactForceControlParamete
 from saphari_drake.control.contact.stability import check_hand
 from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
+from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
@@ -33,6 +34,8 @@ class ContactPipelineParameters:
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.005
     observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
+    # What the robot's model may lack; learned while nobody touches.
+    model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
@@ -45,7 +48,7 @@ class ContactPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "observer", "detector", "monitor", "controller", "switch")
+        share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
             check_hand(self.controller, float(np.min(self.observer.gain)))
 
@@ -64,6 +67,7 @@ class ContactPipeline(NamedTuple):
 
     dynamics: RobotDynamics
     observer: MomentumObserver
+    model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
     monitor: ContactMonitor
@@ -86,7 +90,7 @@ def add_contact_pipeline(
     params: ContactPipelineParameters | None = None,
     background: NDArray[np.float32] | None = None,
 ) -> ContactPipeline:
-    """Add observer, detector, localizer, monitor, force estimator, controller, switch and limit, and connect them.
+    """Add all systems from the observer to the torque limit, and connect them.
 
     Parameters
     ----------
@@ -107,6 +111,7 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=add("momentum_observer", MomentumObserver(robot, params.observer)),
+        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, params.observer.gain)),
         detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
         localizer=add(
             "contact_localizer",
@@ -129,9 +134,14 @@ def add_contact_pipeline(
         builder.Connect(source, target.GetInputPort(name))
     connect(
         builder,
-        (p.dynamics, "dynamics", p.observer, p.monitor, p.force, p.controller, p.switch),
-        (p.observer, "torque_external", p.detector, p.force, p.localizer),
-        (p.detector, "contact", p.monitor),
+        (p.dynamics, "dynamics", p.observer, p.model_error),
+        (p.observer, "torque_external", p.model_error),
+        # The model corrected by what was learned, from here on.
+        (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
+        (p.model_error, "torque_external", p.detector, p.force, p.localizer),
+        (p.model_error, "torque_uncertainty", p.detector),
+        (p.model_error, "torque_noise", p.detector),
+        (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
         (p.localizer, "camera_status", p.monitor),
         (p.monitor, "interaction", p.controller),
