@@ -31,7 +31,7 @@ class ModelErrorParameters:
     tool_offset: float = 0.1
     # Nm (N), constant torque of each joint that no model explains; one value or one a joint.
     offset: list[float] | float = 0.3
-    # Nm (N); offsets change within this time (s), once they are learned.
+    # s; within which offsets may change, and what is known already is learned anew.
     drift_time: float = 20.0
     # Nm (N), standard deviation of the residual from cycle to cycle; from then on it is measured.
     noise: list[float] | float = 0.05
@@ -42,7 +42,9 @@ class ModelErrorParameters:
     multiple: float = 3.0
     # Share of the change of momentum that the model's inertia does not explain.
     inertia: float = 0.1
-    # Nm (N); learning stops when the residual is farther than this from what is expected, uncertainty included,
+    # s; in the first moments of learning nobody touches: whatever is no contact is learned, at once.
+    start_time: float = 0.3
+    # Nm (N); later it stops when the residual is farther than this from what is expected, uncertainty included,
     suspicion: float = 0.5
     # while a joint is faster than this (rad/s or m/s),
     still_speed: float = 0.1
@@ -54,8 +56,8 @@ class ModelErrorParameters:
     def __post_init__(self) -> None:
         require_non_negative(self, "mass", "tool_mass", "tool_offset", "offset", "inertia")
         require_positive(
-            self, "drift_time", "noise", "noise_time", "noise_limit", "multiple", "suspicion", "still_speed",
-            "quiet_time", "period",
+            self, "drift_time", "noise", "noise_time", "noise_limit", "multiple", "start_time", "suspicion",
+            "still_speed", "quiet_time", "period",
         )  # fmt: skip
 
 
@@ -76,6 +78,7 @@ class _Memory(Immutable):
     r: Array  # (n,) residual of the cycle before
     noise: Array  # (n,) its variance
     quiet: float  # s
+    time: float = 0.0  # s, of learning
     started: bool = False
     status: LearningStatus = LearningStatus.LEARNING
 
@@ -129,7 +132,8 @@ class ModelErrorEstimator(LeafSystem):
     makes the uncertainty. Hence the uncertainty is large in the first moments, small where the arm has been at rest,
     and grows on the way to where it has not.
 
-    Nobody may lean on the arm while it starts: what pushes as a heavier arm would, within the prior, is taken for one.
+    Nobody may lean on the arm while it starts: what is no contact then is taken for a mistake of the model. Nor can
+    the arm tell a tool that it is given later from a contact.
     """
 
     def __init__(
@@ -177,8 +181,11 @@ class ModelErrorEstimator(LeafSystem):
         declare_outputs(self, self._remembered, state, memory, reads)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(p.period), update=self._update)
 
-    def _learn(self, learned: Learned, H: Array, r: Array) -> Learned:
-        return learn(learned, H, r, self._variance, self._drift, self._limits)
+    def _learn(self, learned: Learned, H: Array, r: Array, time: float = 0.0) -> Learned:
+        p = self._params
+        # Later each residual weighs so little that what is known needs the drift time to change.
+        slower = p.drift_time / p.start_time if time > p.start_time else 1.0
+        return learn(learned, H, r, slower * self._variance, self._drift, self._limits)
 
     def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
@@ -215,11 +222,13 @@ class ModelErrorEstimator(LeafSystem):
             share = p.period / p.noise_time
             noise = np.minimum(noise + share * (0.5 * (r - before.r) ** 2 / pass_ - noise), p.noise_limit**2)
         expected = now.uncertainty + np.maximum(p.suspicion, p.multiple * np.sqrt(noise))
-        touched = touched or bool(np.any(np.abs(now.error) > expected))
+        suspected = before.time > p.start_time and bool(np.any(np.abs(now.error) > expected))
+        touched = touched or suspected
         quiet = 0.0 if touched or moving else before.quiet + p.period
         status = LearningStatus.MOVING if moving and not touched else LearningStatus.TOUCHED
-        if quiet >= p.quiet_time:
-            learned = self._learn(learned, before.lagged, r)
+        learning = quiet >= p.quiet_time
+        if learning:
+            learned = self._learn(learned, before.lagged, r, before.time)
             status = LearningStatus.LIMITED if learned.limited else LearningStatus.LEARNING
         p_lagged = before.p_lagged if before.started else terms.p
         return _Memory(
@@ -229,6 +238,7 @@ class ModelErrorEstimator(LeafSystem):
             r,
             noise,
             quiet,
+            before.time + learning * p.period,
             True,
             status,
         )

@@ -23,7 +23,7 @@ class ContactDetectorParameters:
     # Nm, standard deviation of the residual without contact, one for all or one a joint; `residual_noise` measures it.
     noise: list[float] | float = 0.0
     # The threshold is at least this many standard deviations of the noise.
-    noise_multiple: float = 6.0
+    noise_multiple: float = 5.0
     # Share of the threshold below which every |r_i| must stay for a release.
     release_ratio: float = 0.5
     # s; how long it must stay there.
