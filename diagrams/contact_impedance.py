@@ -60,7 +60,7 @@ def scenario_for(case: str) -> ContactImpedanceScenario:
     sideways = [0.3, -0.7, -0.65]
     if case == "natural":
         scenario.pushes = [
-            Push("link_4", [0.0, 0.0, 0.12], [0.0, 0.0, -1.0], [], 30.0, 1.0, 3.5),
+            Push("link_4", [0.0, 0.0, 0.12], [0.0, 0.0, -1.0], [], 30.0, 1.0, 2.7),
             Push("link_5", [0.0, 0.0, 0.10], [1.0, 0.0, 0.0], sideways, 30.0, 7.0, 2.7),
             Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 12.5, 2.7),
         ]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.errors import ParameterError
 from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
@@ -23,7 +24,7 @@ class MomentumObserverParameters:
 
     # 1/s, one for all joints or one a joint; r reaches 63 % of a step in 1/gain. 50 in the deliverable's setting, A.
     gain: list[float] | float = 50.0
-    # s; how long after it is put out the torque acts.
+    # s; how long after the period in which it is told the torque acts; negative if what is told is older.
     torque_delay: float = 0.0
     # By how many periods the measured velocity is late: 0.5 for a difference of two positions, 0 for a sample.
     velocity_delay: float = 0.5
@@ -32,7 +33,14 @@ class MomentumObserverParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "gain", "period")
-        require_non_negative(self, "torque_delay", "velocity_delay")
+        require_non_negative(self, "velocity_delay")
+        if not 0.0 <= self.delay < np.inf:
+            raise ParameterError("torque_delay", f"with velocity_delay must not be negative, got {self.delay} periods")
+
+    @property
+    def delay(self) -> float:
+        """By how many periods the torque is ahead of the velocity."""
+        return self.torque_delay / self.period + self.velocity_delay
 
 
 def discrete_gain(gain: Array, period: float) -> Array:
@@ -120,7 +128,7 @@ class MomentumObserver(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
-        self._delay = params.torque_delay / params.period + params.velocity_delay
+        self._delay = params.delay
         self._kept = int(np.ceil(self._delay))
         self._integral = self.DeclareDiscreteState(robot.n)
         self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first
