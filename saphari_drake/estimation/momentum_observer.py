@@ -26,8 +26,8 @@ class MomentumObserverParameters:
     gain: list[float] | float = 50.0
     # s; how long after the period in which it is told the torque acts; negative if what is told is older.
     torque_delay: float = 0.0
-    # By how many periods the measured velocity is late: 0.5 for a difference of two positions, 0 for a sample.
-    velocity_delay: float = 0.5
+    # By how many periods the measured velocity is late: 0 for a sample, 0.5 for a difference of two positions.
+    velocity_delay: float = 0.0
     # s; the period with which the measured state is sampled.
     period: float = 0.005
 
@@ -152,14 +152,16 @@ class MomentumObserver(LeafSystem):
         now: _Estimate = self._estimate.Eval(context)
         torque, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
         count = int(context.get_discrete_state(self._known).value()[0])
-        past = context.get_discrete_state(self._past).value().reshape(self._kept, -1)
+        past = context.get_discrete_state(self._past).value().reshape(self._kept, len(torque))
         torques = np.vstack([torque, past[:count]])
-        integral = advance_integral(now.integral, now.r, delayed(torques, self._delay), terms, self._period)
-        known = bool(np.isfinite(integral).all())
+        known = bool(np.isfinite(torque).all())
+        if known:
+            integral = advance_integral(now.integral, now.r, delayed(torques, self._delay), terms, self._period)
+            known = bool(np.isfinite(integral).all())
         kept = torques[: self._kept] if known else torques[:0]
         state.get_mutable_discrete_state(self._past).SetFromVector(_padded(kept, self._kept).ravel())
         state.get_mutable_discrete_state(self._known).SetFromVector([len(kept)])
-        state.get_mutable_discrete_state(self._integral).SetFromVector(integral if known else np.zeros(len(integral)))
+        state.get_mutable_discrete_state(self._integral).SetFromVector(integral if known else np.zeros(len(torque)))
         state.get_mutable_discrete_state(self._started).SetFromVector([float(known)])
 
 

@@ -35,7 +35,8 @@ class ContactPipelineParameters:
 
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.005
-    observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
+    # Its velocity is expected to be a difference of positions, as encoders give it.
+    observer: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(velocity_delay=0.5))
     # What the robot's model may lack; learned while nobody touches.
     model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
