@@ -45,6 +45,7 @@ class ContactImpedanceScenario(ContactScenario):
     touches: RandomTouchParameters = field(default_factory=RandomTouchParameters)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_positive(self, "trials")
 
 

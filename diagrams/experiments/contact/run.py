@@ -22,6 +22,7 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, Marker, show, write_replay
@@ -33,16 +34,10 @@ ARROW_SCALE = 0.008  # m/N
 
 
 @dataclass
-class ContactScenario:
-    """Everything that a run of the contact cell depends on."""
+class ContactScenario(PlantScenario):
+    """Everything that a run of the contact cell depends on; the seed is also of where the person aims."""
 
-    case: str
-    # Seed of the camera's noise and of where the person aims.
-    seed: int = 0
-    # s
     duration: float = 18.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
     # m; the person misses the aimed point by up to this in each direction.
@@ -84,7 +79,7 @@ def build_contact(
     scenario.system.sampler.noise.seed = scenario.seed
     builder = DiagramBuilder()
     profile = recorded.profile if recorded else None
-    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
+    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile, scenario.truth(scenario.system.period))
     recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     record(recorder, parts)
     fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))

@@ -67,6 +67,10 @@ class Experiment:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
+    def seed_matters(self, scenario: Any) -> bool:
+        """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
+        return scenario.case not in self.seedless or getattr(scenario, "plant", "ideal") != "ideal"
+
 
 def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     """Run an experiment from the command line.
@@ -130,9 +134,11 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     outcome = experiment.run(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
+    if getattr(scenario, "plant", "ideal") != "ideal":
+        heading += f"\nplant: {scenario.plant}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, scenario.case not in experiment.seedless)
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario))
     return outcome.passed
 
 
@@ -147,7 +153,9 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
     for case in cases:
         if case not in experiment.cases:
             raise UnknownNameError("case", case, experiment.cases)
-    given = {name: getattr(options, name) for name in ("seed", "duration") if getattr(options, name) is not None}
+    given = {
+        name: getattr(options, name) for name in ("seed", "duration", "plant") if getattr(options, name) is not None
+    }
     if options.model is not None:
         if not experiment.accepts_model:
             raise ParameterError("--model", "this experiment runs with its own robot only")

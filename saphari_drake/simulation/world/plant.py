@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     CollisionFilterDeclaration,
@@ -19,7 +20,9 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.world.profile import Truth, joint_scale
 
+Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
 STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
 
@@ -64,27 +67,52 @@ def add_plant(builder: DiagramBuilder, params: PlantParameters) -> tuple[Multibo
     return plant, builder.AddNamedSystem("scene_graph", SceneGraph())
 
 
-def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters) -> ModelInstanceIndex:
+def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters, truth: Truth) -> ModelInstanceIndex:
     """Add a robot with its payload and joint friction to a plant that is not finalized."""
     instance = robot.add_to(plant)
-    if params.payload > 0.0:
-        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(params.payload, 0.04))
+    _change_inertia(plant, robot, instance, truth)
+    payload = params.payload + truth.profile.payload
+    if payload > 0.0:
+        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(payload, 0.04))
         last = plant.GetBodyByName(robot.link_names[-1], instance)
         plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, 0.05]))
-    if params.friction_share > 0.0:
-        _add_friction(plant, robot, instance, params)
+    share, scale = params.friction_share, joint_scale(robot)
+    coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale
+    if share > 0.0:
+        coulomb = coulomb + share * diagonal(params.coulomb, robot.n, "coulomb")
+        viscous = viscous + share * diagonal(params.viscous, robot.n, "viscous")
+    _add_friction(plant, robot, instance, coulomb, viscous)
     return instance
 
 
+def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, truth: Truth) -> None:
+    """Make motors and links other than the model says: a body of the difference, also negative, is welded to a link."""
+    if truth.profile.rotor_error > 0.0:
+        scale = dict(zip(robot.joint_names, truth.rotor_scale(robot)))
+        for index in plant.GetJointActuatorIndices():
+            actuator = plant.get_joint_actuator(index)
+            if actuator.model_instance() == instance:
+                inertia = scale[actuator.joint().name()] * actuator.default_rotor_inertia()
+                actuator.set_default_rotor_inertia(inertia)
+    if truth.profile.mass_error > 0.0:
+        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+        for body, scale in zip(bodies, truth.mass_scale(len(bodies))):
+            own = body.default_spatial_inertia()
+            if own.get_mass() > 0.0:
+                mass = (scale - 1.0) * own.get_mass()
+                more = SpatialInertia(mass, own.get_com(), own.get_unit_inertia(), skip_validity_check=True)
+                added = plant.AddRigidBody(f"{body.name()} error", instance, more)
+                plant.WeldFrames(body.body_frame(), added.body_frame(), RigidTransform())
+
+
 def _add_friction(
-    plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, params: PlantParameters
+    plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, coulomb: Array, viscous: Array
 ) -> None:
     """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step."""
-    coulomb = params.friction_share * diagonal(params.coulomb, robot.n, "coulomb")
-    viscous = params.friction_share * diagonal(params.viscous, robot.n, "viscous")
     for name, limit, damping in zip(robot.joint_names, coulomb, viscous):
         joint = plant.GetJointByName(name, instance)
-        joint.set_default_damping(damping)
+        if damping > 0.0:
+            joint.set_default_damping(damping)
         if limit > 0.0:
             brake = plant.AddJointActuator(f"friction {name}", joint, limit)
             brake.set_controller_gains(PdControllerGains(p=1e-6, d=STICK))
