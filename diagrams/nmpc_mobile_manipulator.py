@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -26,15 +27,12 @@ CASES = {
 
 
 @dataclass
-class MobileScenario:
+class MobileScenario(PlantScenario):
     """Everything a run depends on."""
 
     case: str = "3"
-    # Seed of the camera's noise, in the case human_seen.
-    seed: int = 0
     # s; simulated time: 300 control steps.
     duration: float = 30.0
-    # Catalog name, or path of a URDF or SDF.
     robot: str = "omnirob"
     job: MobileParameters = field(default_factory=MobileParameters)
 
@@ -51,7 +49,8 @@ def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCe
     params.cell.watch.sampler.noise.seed = scenario.seed
     job = mobile_job(catalog.load(scenario.robot), params, scenario.case)
     meshcat = None if options is None else options.meshcat
-    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen")
+    truth = scenario.truth(params.cell.time_step)
+    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen", truth=truth)
 
 
 def build_diagram(scenario: MobileScenario) -> Diagram:

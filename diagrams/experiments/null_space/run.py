@@ -22,6 +22,7 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, show, write_replay
@@ -38,16 +39,11 @@ RECORD_PERIOD = 0.01  # s
 
 
 @dataclass
-class NullSpaceScenario:
-    """Everything a run depends on."""
+class NullSpaceScenario(PlantScenario):
+    """Everything a run depends on; the seed is also of where the obstacle touches and from which direction."""
 
     case: str = "momentum"
-    # Seed of where the obstacle touches and from which direction.
-    seed: int = 0
-    # s.
     duration: float = 16.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # deg; posture at the start, and rest posture of the body. Empty: the model's own home, as it is with --model.
     home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
     # m; the obstacle misses the aimed point by up to this along the link.
@@ -110,7 +106,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
     robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     builder = DiagramBuilder()
-    parts = add_null_space_cell(builder, robot, aimed(scenario))
+    parts = add_null_space_cell(builder, robot, aimed(scenario), scenario.truth(scenario.system.period))
     if scenario.moving:
         start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)

@@ -25,6 +25,7 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
@@ -86,7 +87,7 @@ def tip_position(robot: RobotModel, q: Array) -> Array:
     return robot.kinematics(q).position(link, X_LF.translation())
 
 
-def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> PlanarCell:
+def build_planar(robot: RobotModel, params: PlanarParameters, case: str, truth: Truth | None = None) -> PlanarCell:
     """Build the diagram: path, controller and an arm that follows exactly."""
     period = params.controller.period
     start = tip_position(robot, robot.home)
@@ -95,7 +96,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> Plan
     controller = builder.AddNamedSystem(
         "controller", ReversePriorityController(robot, planar_levels(robot, params, case), params.controller)
     )
-    arm = builder.AddNamedSystem("arm", KinematicArm(robot, period))
+    arm = builder.AddNamedSystem("arm", KinematicArm(robot, period, truth))
     source = builder.AddNamedSystem("path", Reference({"value": lambda t: position_reference(*path(t))}, period))
     builder.Connect(source.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), arm.GetInputPort("velocity_commanded"))

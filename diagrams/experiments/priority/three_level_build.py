@@ -22,6 +22,7 @@ from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
@@ -37,14 +38,14 @@ class ThreeLevelCell(NamedTuple):
     recorder: Recorder
 
 
-def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> ThreeLevelCell:
+def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth: Truth | None = None) -> ThreeLevelCell:
     """Build the diagram: sensor → dynamics and controller → servo → torques of the plant, all at the same cycle."""
-    robot, params = job.robot, job.params
+    robot, params, truth = job.robot, job.params, truth or Truth()
     period = params.controller.period
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
+    cell = add_cell(builder, robot, truth=truth)
     exact = JointSensorParameters(period=period, differentiate=False)
-    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
+    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))

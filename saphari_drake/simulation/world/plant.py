@@ -21,6 +21,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.profile import Truth, joint_scale
+from saphari_drake.simulation.world.true_model import PAYLOAD_HEIGHT, PAYLOAD_RADIUS
 
 Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
@@ -73,16 +74,21 @@ def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters,
     _change_inertia(plant, robot, instance, truth)
     payload = params.payload + truth.profile.payload
     if payload > 0.0:
-        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(payload, 0.04))
+        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(payload, PAYLOAD_RADIUS))
         last = plant.GetBodyByName(robot.link_names[-1], instance)
-        plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, 0.05]))
+        plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, PAYLOAD_HEIGHT]))
+    _add_friction(plant, robot, instance, *joint_friction(robot, params, truth))
+    return instance
+
+
+def joint_friction(robot: RobotModel, params: PlantParameters, truth: Truth) -> tuple[Array, Array]:
+    """Return Coulomb (Nm or N) and viscous friction (Nms/rad or Ns/m) of the joints, (n,) each."""
     share, scale = params.friction_share, joint_scale(robot)
     coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale
-    if share > 0.0:
-        coulomb = coulomb + share * diagonal(params.coulomb, robot.n, "coulomb")
-        viscous = viscous + share * diagonal(params.viscous, robot.n, "viscous")
-    _add_friction(plant, robot, instance, coulomb, viscous)
-    return instance
+    if share == 0.0:
+        return coulomb, viscous
+    dry, damping = (diagonal(getattr(params, name), robot.n, name) for name in ("coulomb", "viscous"))
+    return coulomb + share * dry, viscous + share * damping
 
 
 def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, truth: Truth) -> None:
@@ -95,8 +101,9 @@ def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelIns
                 inertia = scale[actuator.joint().name()] * actuator.default_rotor_inertia()
                 actuator.set_default_rotor_inertia(inertia)
     if truth.profile.mass_error > 0.0:
-        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-        for body, scale in zip(bodies, truth.mass_scale(len(bodies))):
+        links = [plant.GetBodyByName(name, instance) for name in robot.link_names]
+        moved = [(body, s) for link, s in zip(links, truth.mass_scale(robot)) for body in plant.GetBodiesWeldedTo(link)]
+        for body, scale in moved:
             own = body.default_spatial_inertia()
             if own.get_mass() > 0.0:
                 mass = (scale - 1.0) * own.get_mass()

@@ -93,9 +93,9 @@ class Truth:
         """Return reflected inertia over what the controllers know, (n,)."""
         return 1.0 + self.profile.rotor_error * self._signs(robot, 1)
 
-    def mass_scale(self, links: int) -> Array:
-        """Return mass and inertia over what the controllers know, (links,)."""
-        return 1.0 + self.profile.mass_error * np.random.default_rng([self.seed, 2]).uniform(-1.0, 1.0, links)
+    def mass_scale(self, robot: RobotModel) -> Array:
+        """Return mass and inertia of each link over what the controllers know, (n,)."""
+        return 1.0 + self.profile.mass_error * np.random.default_rng([self.seed, 2]).uniform(-1.0, 1.0, robot.n)
 
     def torque_bias(self, robot: RobotModel) -> Array:
         """Return the constant error of the torques, (n,) (Nm or N)."""
