@@ -115,13 +115,20 @@ def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelIns
 def _add_friction(
     plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, coulomb: Array, viscous: Array
 ) -> None:
-    """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step."""
+    """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step.
+
+    Of two actuators of a joint Drake takes the reflected inertia of the last one, which has to be that of the motor.
+    """
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    motors = {motor.joint().name(): motor for motor in actuators if motor.model_instance() == instance}
     for name, limit, damping in zip(robot.joint_names, coulomb, viscous):
         joint = plant.GetJointByName(name, instance)
         if damping > 0.0:
             joint.set_default_damping(damping)
         if limit > 0.0:
             brake = plant.AddJointActuator(f"friction {name}", joint, limit)
+            brake.set_default_rotor_inertia(motors[name].default_rotor_inertia())
+            brake.set_default_gear_ratio(motors[name].default_gear_ratio())
             brake.set_controller_gains(PdControllerGains(p=1e-6, d=STICK))
 
 
