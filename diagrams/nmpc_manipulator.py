@@ -10,6 +10,7 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Outcome
@@ -65,8 +66,17 @@ def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    "nmpc_manipulator", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, seedless=frozenset(CASES)
+    "nmpc_manipulator",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    seedless=frozenset(CASES),
+    parts=lambda case: ARM,
 )
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -12,7 +12,7 @@ from experiments.priority.planar import (
     drake_baseline,
     judge_planar,
 )
-from experiments.priority.three_level import ThreeLevelParameters, three_level_job
+from experiments.priority.three_level import ThreeLevelParameters, three_level_job, with_faults
 from experiments.priority.three_level_build import (
     ThreeLevelCell,
     add_three_level_signals,
@@ -23,6 +23,7 @@ from experiments.priority.three_level_build import (
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
@@ -65,9 +66,9 @@ def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
 
 
 def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
+    truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
     job = three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)
-    meshcat = None if options is None else options.meshcat
-    return build_three_level(job, meshcat, scenario.truth(scenario.arm.controller.period))
+    return build_three_level(with_faults(job, truth), meshcat, truth)
 
 
 def _planar(scenario: ReversePriorityScenario) -> PlanarCell:
@@ -115,6 +116,11 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
     )
 
 
+def parts_of(case: str) -> tuple[str, ...]:
+    """Return what of a case a fault can act on; the planar arm has neither torques nor masses."""
+    return (*ARM, "person", "view") if case == "three_level" else ("encoders", "controller")
+
+
 EXPERIMENT = Experiment(
     "reverse_priority_planar",
     __doc__,
@@ -123,7 +129,9 @@ EXPERIMENT = Experiment(
     run,
     build_diagram,
     seedless=frozenset(CASES) - {"three_level"},
+    parts=parts_of,
 )
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

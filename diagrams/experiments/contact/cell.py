@@ -18,6 +18,7 @@ from saphari_drake.pipelines.contact import (
     add_contact_pipeline,
 )
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.cameras import inject_into_camera
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
@@ -102,8 +103,9 @@ def add_contact_cell(
     position, velocity, image, time = (
         system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names
     )
-    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.pipeline.envelope)
+    state = own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope)
     measured = ContactMeasurements(position, velocity, image, time, state)
     pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)
+    inject_into_camera(builder, cell.scene_graph, params.camera, sampler, params.sampler, truth)
     return ContactCell(cell, camera, params.camera, sampler, pipeline)

@@ -16,7 +16,9 @@ from experiments.contact.cycle_time import time_cycles
 from saphari_drake.messages import InteractionMode
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.faults.injection import inject_into
+from saphari_drake.simulation.faults.people import FASTER
+from saphari_drake.simulation.people.pushing_hand import HumanHand, Push
 from saphari_drake.simulation.people.recorded_push import RecordedPush
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -76,13 +78,17 @@ def build_contact(
 ) -> ContactSetup:
     """Build the diagram of a `ContactScenario`; `record` adds to its recorder what this controller has."""
     robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    if "person_faster" in scenario.faults:
+        pushes = [replace(push, speed=FASTER * (push.speed or HumanHand.SPEED)) for push in pushes]
     scenario.system.sampler.noise.seed = scenario.seed
     builder = DiagramBuilder()
     profile = recorded.profile if recorded else None
-    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile, scenario.truth(scenario.system.period))
+    truth = scenario.truth(scenario.system.period)
+    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile, truth)
     recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     record(recorder, parts)
     fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
+    inject_into(builder, parts.cell, truth)
     show(builder, parts.cell.scene_graph, meshcat)
     return ContactSetup(scenario, robot, pushes, builder.Build(), parts, recorder, fast, scenario.duration, recorded)
 

@@ -17,6 +17,7 @@ from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.people.force_recording import ForceRecording, RecordingParameters
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
 from saphari_drake.simulation.record.log import Log
@@ -124,11 +125,13 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     layout = SkinLayout(robot, system.skin_layout)
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
-    cell = add_guiding_cell(builder, robot, grips, system, layout, scenario.truth(system.pipeline.period))
+    truth = scenario.truth(system.pipeline.period)
+    cell = add_guiding_cell(builder, robot, grips, system, layout, truth)
     recorder, fast = (
         record(builder, cell, system.pipeline.period),
         record_limits(builder, cell.cell, cell.torque_excess),
     )
+    inject_into(builder, cell.cell, truth)
     show(builder, cell.cell.scene_graph, meshcat)
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 

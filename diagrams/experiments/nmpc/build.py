@@ -15,6 +15,7 @@ from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
@@ -131,6 +132,7 @@ def build_nmpc(
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])
     slow.add("obstacles_known", known, "m", _padded, size=4 * KNOWN)
+    inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
 

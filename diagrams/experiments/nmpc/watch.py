@@ -13,6 +13,7 @@ from saphari_drake.perception.obstacles.tracker import ObstacleTracker
 from saphari_drake.perception.obstacles.tracks import ObstacleTrackerParameters
 from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.perception.segmentation.parameters import SegmentationParameters
+from saphari_drake.simulation.faults.cameras import inject_into_camera
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
@@ -64,4 +65,5 @@ def add_obstacle_watch(
     builder.Connect(sampler.GetOutputPort("depth_image"), tracker.GetInputPort("depth_image"))
     builder.Connect(sampler.GetOutputPort("image_time"), tracker.GetInputPort("image_time"))
     builder.Connect(position, tracker.GetInputPort("position_measured"))
+    inject_into_camera(builder, scene_graph, params.camera, sampler, params.sampler, truth)
     return tracker.GetOutputPort("obstacles")

@@ -18,6 +18,7 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
@@ -106,7 +107,8 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
     robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     builder = DiagramBuilder()
-    parts = add_null_space_cell(builder, robot, aimed(scenario), scenario.truth(scenario.system.period))
+    truth = scenario.truth(scenario.system.period)
+    parts = add_null_space_cell(builder, robot, aimed(scenario), truth)
     if scenario.moving:
         start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
@@ -115,6 +117,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
             builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
     recorder = _record(builder, parts)
     fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
+    inject_into(builder, parts.cell, truth)
     show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 

@@ -21,6 +21,7 @@ from saphari_drake.control.reverse_priority.tasks import Bound, Level, plane_dis
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.limits import limit_metrics
@@ -110,6 +111,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str, truth: 
     recorder.add("singular_value", controller.GetOutputPort("smallest_singular_value"), "m")
     recorder.add("task_scale", controller.GetOutputPort("task_scale"), "1")
     recorder.add("status", controller.GetOutputPort("status"), "1")
+    inject(builder, robot, truth or Truth(), encoders=arm.GetOutputPort("position_measured"))
     return PlanarCell(robot, params, path, controller, builder.Build(), recorder)
 
 

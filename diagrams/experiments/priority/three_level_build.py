@@ -14,6 +14,7 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -75,6 +76,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
         recorder.add(name, controller.GetOutputPort(name), unit)
     recorder.add("torque", servo.GetOutputPort("torque_commanded"), "Nm")
     recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")
+    inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from saphari_drake.errors import SaphariError
+from saphari_drake.simulation.faults.registry import listed
 
 
 def say(text: str) -> None:
@@ -48,6 +49,8 @@ def parser(program: str, summary: str, cases: Mapping[str, str], accepts_model: 
 
 Every name in scenario.yaml can be set, nested ones with dots: --set controller.gain=20.
 Order: the case's own values, then --scenario, then --seed, --duration, --plant and --model, then --set.
+Faults (--set faults=[NAME, ...], begin at --set fault_time=S, sizes in fault_sizes), where the case has the part:
+{listed()}
 Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timing figures (*_ms_*) never decide.""",
     )
     add = result.add_argument

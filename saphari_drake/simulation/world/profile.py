@@ -1,5 +1,6 @@
 """Profiles of the simulated plant: how it differs from what its controllers know."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.parameters import require_non_negative
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.registry import FaultSizes
 from saphari_drake.simulation.sensors.joint_sensor import JointSensorParameters
 
 Array = NDArray[np.float64]
@@ -83,11 +85,16 @@ class Truth:
     seed : int
     period : float
         The control cycle (s), in which delays count.
+    faults : mapping from str to float
+        Faults by name, and when each begins (s).
+    sizes : FaultSizes
     """
 
     profile: PlantProfile = field(default_factory=PlantProfile)
     seed: int = 0
     period: float = 0.001
+    faults: Mapping[str, float] = field(default_factory=dict)
+    sizes: FaultSizes = field(default_factory=FaultSizes)
 
     def rotor_scale(self, robot: RobotModel) -> Array:
         """Return reflected inertia over what the controllers know, (n,)."""
@@ -116,6 +123,10 @@ class Truth:
         """Return `SamplerParameters` with the latency of this robot's cameras."""
         latency = self.profile.camera_latency
         return replace(params, latency=latency) if latency > 0.0 else params
+
+    def joint(self, robot: RobotModel) -> int:
+        """Return the joint that a fault of one joint strikes."""
+        return int(np.random.default_rng([self.seed, 10]).integers(robot.n))
 
     def _signs(self, robot: RobotModel, stream: int) -> Array:
         return np.random.default_rng([self.seed, stream]).choice([-1.0, 1.0], robot.n)
