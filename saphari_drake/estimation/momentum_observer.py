@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class MomentumObserverParameters:
     """Bandwidth of the residual."""
 
-    # 1/s, one for all joints or one a joint; r reaches 63 % of a step in 1/gain. 50 in the deliverable's setting, A.
+    # 1/s, one for all joints or one a joint; r reaches 63 % of a step in 1/gain. 50 for the deliverable's, assumed.
     gain: list[float] | float = 50.0
     # s; the period with which the measured state is sampled.
     period: float = 0.005

@@ -24,7 +24,7 @@ class HumanMotionParameters:
 
     # Text file with 18 columns, see `read_human_motion`; "" plays a built-in, made-up person.
     file: str = ""
-    # Hz; frames a second. Such files do not tell it. A.
+    # Hz; frames a second. Such files do not tell it. Assumed.
     rate: float = 30.0
     # m; position of the camera in the world, and deg; roll, pitch and yaw of its frame (x right, y down, z away).
     position: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.2])
@@ -35,17 +35,17 @@ class HumanMotionParameters:
     start: float = 0.0
     # Whether the recording runs forth and back again and again; otherwise the person stays in the last posture.
     loop: bool = True
-    # m/s; what is faster is a jump of the recording. A quick hand reaches about 2 m/s. A.
+    # m/s; what is faster is a jump of the recording. A quick hand reaches about 2 m/s. Assumed.
     max_speed: float = 2.0
-    # s; longest gap that is interpolated; a longer one holds the joint where it was last seen. A.
+    # s; longest gap that is interpolated; a longer one holds the joint where it was last seen. Assumed.
     max_gap: float = 0.2
-    # s; a joint held for longer is lost. A.
+    # s; a joint held for longer is lost. Assumed.
     hold_time: float = 0.5
-    # s; standard deviation of the filter over time: the readings are noisy. A.
+    # s; standard deviation of the filter over time: the readings are noisy. Assumed.
     smoothing: float = 0.05
-    # m; how far the body reaches around wrist, elbow and shoulder. A.
+    # m; how far the body reaches around wrist, elbow and shoulder. Assumed.
     radius: list[float] = field(default_factory=lambda: [0.05, 0.06, 0.08])
-    # m; distance of the middle of the hand from the wrist, along the forearm (0: no point there), and its radius. A.
+    # m; from the wrist to the middle of the hand, along the forearm (0: no point there), and its radius. Assumed.
     hand: float = 0.09
     hand_radius: float = 0.07
     # Points between two joints of an arm.

@@ -23,7 +23,7 @@ class IndenterParameters:
     # N; least and largest force into the surface, > 0.
     least_force: float = 0.3
     largest_force: float = 18.0
-    # Largest tangential force as a share of it. A.
+    # Largest tangential force as a share of it. Assumed.
     friction: float = 0.8
     # m; radius of the tip, which fits on one module.
     tip_radius: float = 0.0015

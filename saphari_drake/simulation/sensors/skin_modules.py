@@ -18,7 +18,7 @@ _SIGN = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])  # where 
 
 @dataclass
 class SkinModuleParameters:
-    """The modules as they came from assembly; all values A."""
+    """The modules as they came from assembly; all values assumed."""
 
     # Seed of the differences from module to module, ≥ 0.
     seed: int = 0

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class SkinSensorParameters:
-    """The modules, and what disturbs them while they are read; all values A."""
+    """The modules, and what disturbs them while they are read; all values assumed."""
 
     modules: SkinModuleParameters = field(default_factory=SkinModuleParameters)
     # s; sampling period.

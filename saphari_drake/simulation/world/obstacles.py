@@ -30,7 +30,7 @@ _FAR = 1.0  # m; from where the way of the ball to the arm is searched
 
 @dataclass
 class Touch:
-    """Where on the arm, and from where. All A."""
+    """Where on the arm, and from where. All assumed."""
 
     # Link whose cover is touched. The covers of neighbours overlap at a joint, where both would push: they do not.
     link: str = "link_3"
@@ -48,7 +48,7 @@ class Touch:
 
 @dataclass
 class BallParameters:
-    """Ball and its carrier. Stiffness, speed and dwell: the deliverable; the others A."""
+    """Ball and its carrier. Stiffness, speed and dwell: the deliverable; the others assumed."""
 
     touch: Touch = field(default_factory=Touch)
     # m.
@@ -158,7 +158,7 @@ class Ball(Body):
 
 @dataclass
 class WallParameters:
-    """A wall that faces the arm, with a soft pad. All A."""
+    """A wall that faces the arm, with a soft pad. All assumed."""
 
     touch: Touch = field(default_factory=lambda: Touch(direction=[0.0, -1.0, 0.0]))
     # m; distance of its surface from the cover of the arm at home.
