@@ -37,8 +37,8 @@ class CameraParameters:
     position: list[float] = field(default_factory=lambda: [-1.7, 0.0, 1.1])
     # Point in the world that the optical axis goes through (m), not above or below the camera.
     target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.55])
-    # "vtk" (Drake's VTK engine over EGL), "primitives" (exact rays, ten times as fast, no meshes), "raycast" (Open3D,
-    # needs no graphics driver), or "auto": the first of them that can show the scene.
+    # "primitives" (exact rays, ten times as fast, no meshes), "vtk" (Drake's VTK engine over EGL), "raycast" (Open3D,
+    # needs no graphics driver), or "auto": the first of them that can show all of the scene.
     renderer: str = "auto"
 
     def __post_init__(self) -> None:

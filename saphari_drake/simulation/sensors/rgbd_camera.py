@@ -95,6 +95,11 @@ def add_depth_camera(
     and +inf too far or nothing) and `image_time` (s) have the same names with all engines, and it renders when
     `depth_image_32f` is evaluated. All geometry must be registered before this call.
 
+    The renderer "auto" is "primitives" where it can show every shape that is seen: spheres, ellipsoids, capsules,
+    cylinders, boxes and half spaces. One mesh or convex hull, and the whole image is VTK's, or Open3D's ("raycast") on
+    a machine where VTK cannot start. All three differ by the triangles that VTK and Open3D make of round shapes, and at
+    outlines by a pixel.
+
     Parameters
     ----------
     builder : DiagramBuilder
@@ -138,9 +143,9 @@ def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
 def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
     if params.renderer != "auto":
         return params.renderer
-    if not _renderer_problem():
-        return "vtk"
-    return "raycast" if meshes(scene_graph.model_inspector()) else "primitives"
+    if not meshes(scene_graph.model_inspector()):
+        return "primitives"
+    return "raycast" if _renderer_problem() else "vtk"
 
 
 def _vtk_camera(scene_graph: SceneGraph, params: CameraParameters) -> RgbdSensor:
