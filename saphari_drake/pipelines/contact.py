@@ -17,12 +17,14 @@ from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters
 from saphari_drake.safety.contact_monitor import ContactMonitor, ContactMonitorParameters
-from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
+from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
 
 
@@ -42,6 +44,7 @@ class ContactPipelineParameters:
         default_factory=ContactImpedanceParameters
     )
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
+    envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
@@ -57,6 +60,7 @@ class ContactMeasurements(NamedTuple):
     velocity: OutputPort  # n (rad/s or m/s), the same
     depth_image: OutputPort  # of the camera (m)
     image_time: OutputPort  # when it was taken (s)
+    joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
 
 
 class ContactPipeline(NamedTuple):
@@ -70,12 +74,12 @@ class ContactPipeline(NamedTuple):
     force: ContactForceEstimator
     controller: ContactImpedanceController | ContactForceController
     switch: CommandSwitch
-    limit: TorqueLimit
+    envelope: JointEnvelope
 
     @property
     def torque_output(self) -> OutputPort:
         """Joint torque, n (Nm)."""
-        return self.limit.GetOutputPort("torque_applied")
+        return self.envelope.GetOutputPort("torque_applied")
 
 
 def add_contact_pipeline(
@@ -86,7 +90,7 @@ def add_contact_pipeline(
     params: ContactPipelineParameters | None = None,
     background: NDArray[np.float32] | None = None,
 ) -> ContactPipeline:
-    """Add observer, detector, localizer, monitor, force estimator, controller, switch and limit, and connect them.
+    """Add observer, detector, localizer, monitor, force estimator, controller, switch and envelope, and connect them.
 
     Parameters
     ----------
@@ -104,9 +108,12 @@ def add_contact_pipeline(
     params = params or ContactPipelineParameters()
     params.__post_init__()  # its parts take the period
     add = builder.AddNamedSystem
+    switch = add("command_switch", CommandSwitch(robot, params.switch))
+    observer = add("momentum_observer", MomentumObserver(robot, params.observer))
+    torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
-        observer=add("momentum_observer", MomentumObserver(robot, params.observer)),
+        observer=observer,
         detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
         localizer=add(
             "contact_localizer",
@@ -115,8 +122,10 @@ def add_contact_pipeline(
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
         controller=add("controller", _controller(robot, params.controller)),
-        switch=add("command_switch", CommandSwitch(robot, params.switch)),
-        limit=add("torque_limit", TorqueLimit(robot, params.period)),
+        switch=switch,
+        envelope=add_joint_envelope(
+            builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period
+        ),
     )
     for source, target, name in (
         (measured.position, p.dynamics, "position_measured"),
@@ -125,6 +134,7 @@ def add_contact_pipeline(
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
+        (p.envelope.GetOutputPort("torque_mean"), p.observer, "torque_applied"),
     ):
         builder.Connect(source, target.GetInputPort(name))
     connect(
@@ -139,8 +149,6 @@ def add_contact_pipeline(
         (p.force, "misfit", p.controller),
         (p.controller, "selection", p.switch),
         (p.controller, "torque_commanded", p.switch),
-        (p.switch, "torque_commanded", p.limit),
-        (p.limit, "torque_applied", p.switch, p.observer),
     )
     if isinstance(p.controller, ContactForceController):
         connect(

@@ -74,7 +74,7 @@ def run(arm, port, value, end):
         simulator.AdvanceTo(time + 1e-5)
         state = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
         rows.append([
-            time, *read(pipeline.limit, "torque_applied"), *state, *read(pipeline.controller, "status"),
+            time, *read(pipeline.envelope, "torque_applied"), *state, *read(pipeline.controller, "status"),
             *read(pipeline.controller, "system_status"), *read(pipeline.switch, "system_status"),
             *read(pipeline.wrist, "status"),
         ])  # fmt: skip

@@ -110,8 +110,8 @@ def test_task_returns_smoothly_after_yielding(lwr4, observer):
     builder.Connect(source.get_output_port(), parts.cell.plant.get_applied_generalized_force_input_port())
     recorder, pipeline = Recorder(builder, 0.002), parts.pipeline
     for system, name in (
-        (pipeline.controller, "task_error"), (pipeline.controller, "yielding"), (pipeline.limit, "torque_applied"),
-        (pipeline.limit, "torque_excess"), (pipeline.switch, "system_status"),
+        (pipeline.controller, "task_error"), (pipeline.controller, "yielding"), (pipeline.envelope, "torque_applied"),
+        (pipeline.envelope, "torque_excess"), (pipeline.switch, "system_status"),
     ):  # fmt: skip
         recorder.add(name, system.GetOutputPort(name))
     diagram = builder.Build()
