@@ -61,7 +61,7 @@ class SkinModuleParameters:
 
 
 @dataclass(frozen=True)
-class Touch:
+class SkinLoad:
     """One contact on the skin.
 
     Attributes
@@ -129,9 +129,9 @@ class SkinModules:
         share = np.array([1.0] * 4 + [0.5] * 4)[None, :, None] * np.where(self._neighbours < 0, 0.0, 1.0)[:, :, None]
         share = params.crosstalk * share * (1.0 + params.crosstalk_spread * rng.uniform(-1.0, 1.0, (m, 8, CELLS)))
         self._crosstalk = share[..., None] * self.weight[self._neighbours]
-        self.forces([Touch(layout.p_LP, -layout.R_LP[:, 2])])  # compiles
+        self.forces([SkinLoad(layout.p_LP, -layout.R_LP[:, 2])])  # compiles
 
-    def forces(self, touches: Sequence[Touch]) -> tuple[Array, Array]:
+    def forces(self, touches: Sequence[SkinLoad]) -> tuple[Array, Array]:
         """Return the force on each module (m, 3), N, in its own frame, and where its pressure acts (m, 2), −1 … 1."""
         layout = self.layout
         total, lean_load, pressure = np.zeros((layout.count, 3)), np.zeros((layout.count, 2)), np.zeros(layout.count)

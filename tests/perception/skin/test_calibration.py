@@ -9,7 +9,7 @@ from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.contacts import SkinContactLaw
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
 from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules, indent
-from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters, SkinModules, Touch
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModuleParameters, SkinModules
 
 PRESSES = IndenterParameters(presses=80)
 
@@ -37,7 +37,7 @@ def test_modules_carry_all_of_a_touch_on_the_skin(layout, modules):
         f_M, lean = modules.forces([touch])
         np.testing.assert_allclose(np.einsum("mij,mj->i", layout.R_LM, f_M), touch.f_L, atol=1e-9)
         assert np.abs(lean).max() <= 1.0
-    beside = Touch(layout.surface([0.0, 0.024])[0], np.array([0.0, -10.0, 0.0]))
+    beside = SkinLoad(layout.surface([0.0, 0.024])[0], np.array([0.0, -10.0, 0.0]))
     f_M, _ = modules.forces([beside])
     assert 0.45 < np.linalg.norm(np.einsum("mij,mj->i", layout.R_LM, f_M)) / 10.0 < 0.55
 
