@@ -22,8 +22,7 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from saphari_drake.errors import SensorError
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose
-from saphari_drake.simulation.sensors.primitive_camera import PrimitiveDepthCamera, meshes
-from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera
+from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera, meshes
 
 RENDERER = "saphari_drake_depth"
 
@@ -95,10 +94,9 @@ def add_depth_camera(
     and +inf too far or nothing) and `image_time` (s) have the same names with all engines, and it renders when
     `depth_image_32f` is evaluated. All geometry must be registered before this call.
 
-    The renderer "auto" is "primitives" where it can show every shape that is seen: spheres, ellipsoids, capsules,
-    cylinders, boxes and half spaces. One mesh or convex hull, and the whole image is VTK's, or Open3D's ("raycast") on
-    a machine where VTK cannot start. All three differ by the triangles that VTK and Open3D make of round shapes, and at
-    outlines by a pixel.
+    The renderer "auto" is "raycast" where every shape that is seen is a sphere, ellipsoid, capsule, cylinder, box or
+    half space. One mesh or convex hull, and the whole image is VTK's, but on a machine where VTK cannot start. The two
+    differ by the triangles that VTK makes of round shapes, and at outlines by a pixel.
 
     Parameters
     ----------
@@ -115,11 +113,8 @@ def add_depth_camera(
     SensorError
         If the chosen engine cannot be started, or cannot show a shape.
     """
-    renderer = _chosen(scene_graph, params)
     camera: LeafSystem | RgbdSensor
-    if renderer == "primitives":
-        camera = PrimitiveDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
-    elif renderer == "vtk":
+    if _chosen(scene_graph, params) == "vtk":
         camera = _vtk_camera(scene_graph, params)
     else:
         camera = RaycastingDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
@@ -143,9 +138,7 @@ def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
 def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
     if params.renderer != "auto":
         return params.renderer
-    if not meshes(scene_graph.model_inspector()):
-        return "primitives"
-    return "raycast" if _renderer_problem() else "vtk"
+    return "vtk" if meshes(scene_graph.model_inspector()) and not _renderer_problem() else "raycast"
 
 
 def _vtk_camera(scene_graph: SceneGraph, params: CameraParameters) -> RgbdSensor:

@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Sphere
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, MeshcatCone, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia, default_model_instance
@@ -19,6 +19,7 @@ from saphari_drake.robots.catalog import load, lwr4
 from saphari_drake.simulation.sensors import rgbd_camera
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera, check_renderer
 
+TETRAHEDRON = Convex(points=0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]).T, label="mesh")
 CENTRE, RADIUS = np.array([-0.2, 0.4, 0.9]), 0.12
 
 
@@ -32,7 +33,6 @@ def renderer_missing():
 
 ENGINES = [
     "raycast",
-    "primitives",
     pytest.param(
         "vtk",
         marks=[pytest.mark.render, pytest.mark.skipif(bool(renderer_missing()), reason=renderer_missing() or "-")],
@@ -119,12 +119,13 @@ def test_readings_out_of_range_are_zero_or_infinite(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES[1:])
+@pytest.mark.parametrize("extra", [None, TETRAHEDRON])
 @pytest.mark.parametrize("turn", [0.3, -0.2, 0.8])
-def test_engines_agree(engine, turn):
-    """With rays against triangles, but for the triangles' edges and a pixel at the outline of a shape."""
+def test_engines_agree(engine, extra, turn):
+    """But for the triangles that VTK makes of round shapes, and a pixel at the outline of a shape."""
     q = lwr4().home + turn
-    _, image = render(engine, q)
-    _, cast = render("raycast", q)
+    _, image = render(engine, q, extra)
+    _, cast = render("raycast", q, extra)
     both = np.isfinite(image) & np.isfinite(cast)
     assert (np.isfinite(image) != np.isfinite(cast)).sum() < 40
     difference = np.abs(image[both] - cast[both])
@@ -133,21 +134,18 @@ def test_engines_agree(engine, turn):
     assert (difference > 2e-3).sum() < 60
 
 
-TETRAHEDRON = Convex(points=0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]).T, label="mesh")
+def test_auto_casts_rays_where_all_shapes_are_primitives():
+    np.testing.assert_array_equal(render("auto")[1], render("raycast")[1])
 
 
-def test_auto_casts_exact_rays_where_all_shapes_are_primitives():
-    np.testing.assert_array_equal(render("auto")[1], render("primitives")[1])
-
-
-def test_auto_without_vtk_casts_rays_at_triangles_where_there_is_a_mesh(monkeypatch):
+def test_auto_casts_rays_at_meshes_without_vtk(monkeypatch):
     monkeypatch.setattr(rgbd_camera, "_renderer_problem", lambda: "no driver")
     np.testing.assert_array_equal(render("auto", extra=TETRAHEDRON)[1], render("raycast", extra=TETRAHEDRON)[1])
 
 
-def test_a_mesh_is_no_primitive():
-    with pytest.raises(SensorError, match="extra.*no primitive.*vtk"):
-        render("primitives", extra=TETRAHEDRON)
+def test_a_shape_that_no_ray_can_meet_is_told():
+    with pytest.raises(SensorError, match="extra.*cannot show a MeshcatCone"):
+        render("raycast", extra=MeshcatCone(0.1, 0.1, 0.1))
 
 
 needs_vtk = pytest.mark.skipif(bool(renderer_missing()), reason=renderer_missing() or "-")
@@ -173,7 +171,7 @@ def off_by_more_than_a_pixel(image, other, tolerance):
 @pytest.mark.parametrize("position", [[-1.7, 0.0, 1.1], [-1.3, 0.8, 0.4], [-1.9, -0.7, 1.7]])
 def test_exact_rays_see_what_vtk_sees(name, position):
     """Nothing of the one image is missing in the other, but for one pixel at outlines."""
-    exact, vtk = (render(engine, robot=load(name), position=position)[1] for engine in ("primitives", "vtk"))
+    exact, vtk = (render(engine, robot=load(name), position=position)[1] for engine in ("raycast", "vtk"))
     assert off_by_more_than_a_pixel(exact, vtk, 2e-3) == 0
     assert off_by_more_than_a_pixel(vtk, exact, 2e-3) == 0
 
