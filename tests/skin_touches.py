@@ -5,10 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.estimator import SkinLaw
-from saphari_drake.simulation.sensors.skin_modules import SkinLoad
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, indent
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
 NOISE = 0.001  # V
+
+
+def calibrated(modules: SkinModules, params: IndenterParameters) -> SkinCalibration:
+    """Return the calibration that an indenter's presses on a patch give."""
+    return calibrate(modules.layout, indent(modules, params))
 
 
 class Errors(NamedTuple):

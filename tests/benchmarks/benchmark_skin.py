@@ -19,12 +19,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from skin_touches import calibrated  # noqa: E402
 
 from saphari_drake.perception.skin.calibration import SkinCalibration  # noqa: E402
 from saphari_drake.perception.skin.estimator import SkinLaw  # noqa: E402
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules  # noqa: E402
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters  # noqa: E402
 from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules  # noqa: E402
 
 STEPS = 300
@@ -61,7 +62,7 @@ def main() -> None:
     for name, rows, columns, limit in CASES:
         layout = SkinLayout(robot, SkinLayoutParameters(rows=rows, columns=columns))
         modules = SkinModules(layout)
-        calibration = calibrate_modules(modules, IndenterParameters(presses=40))
+        calibration = calibrated(modules, IndenterParameters(presses=40))
         for touches in (0, 1, 2, 5):
             for dead in (0, layout.count // 10):
                 seconds = timed(layout, modules, calibration, touches, dead)

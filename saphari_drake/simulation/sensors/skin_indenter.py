@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception.skin.calibration import IndenterData, SkinCalibration, calibrate
+from saphari_drake.perception.skin.calibration import IndenterData
 from saphari_drake.perception.skin.layout import CELLS, neighbour_table
 from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
@@ -63,8 +63,3 @@ def indent(modules: SkinModules, params: IndenterParameters | None = None) -> In
     pressed = np.repeat(np.arange(layout.count), count)
     limits = np.array(modules.params.voltage_range, dtype=float)
     return IndenterData(pressed, np.concatenate(forces), voltages.reshape(-1, 9, CELLS), rest, limits)
-
-
-def calibrate_modules(modules: SkinModules, params: IndenterParameters | None = None) -> SkinCalibration:
-    """Press a simulated patch and fit its calibration."""
-    return calibrate(modules.layout, indent(modules, params))

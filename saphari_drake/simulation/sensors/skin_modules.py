@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
-from saphari_drake.perception.skin.kernels import spread_touch
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout, neighbour_table
+from saphari_drake.simulation.sensors.skin_spread import Ellipse, Patch, spread_load
 
 Array = NDArray[np.float64]
 
@@ -137,14 +137,15 @@ class SkinModules:
         total, lean_load, pressure = np.zeros((layout.count, 3)), np.zeros((layout.count, 2)), np.zeros(layout.count)
         share, shear = np.empty(layout.count), np.empty(layout.count)
         lean, unused = np.empty((layout.count, 2)), np.empty((layout.count, 2))
+        patch = Patch(layout.rows, layout.columns, layout.pitch, self.params.layer)
         for touch in touches:
             uv, _ = layout.coordinates(touch.p_LC)
             normal = layout.surface(uv)[1][:, 2]
             pressing = float(normal @ touch.f_L)
             sheared = touch.f_L - pressing * normal
-            shape = layout.rows, layout.columns, layout.pitch, uv, touch.radius, touch.aspect, touch.turn
-            spread_touch(*shape, touch.exponent, self.params.layer, share, lean)
-            spread_touch(*shape, touch.shear_exponent, self.params.layer, shear, unused)
+            ellipse = Ellipse(uv, touch.radius, touch.aspect, touch.turn)
+            spread_load(patch, ellipse, touch.exponent, share, lean)
+            spread_load(patch, ellipse, touch.shear_exponent, shear, unused)
             total += share[:, None] * (pressing * normal) + shear[:, None] * sheared
             pressure += abs(pressing) * share
             lean_load += (abs(pressing) * share)[:, None] * lean

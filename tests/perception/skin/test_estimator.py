@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import Bench
-from skin_touches import NOISE, random_touch, statistics
+from skin_touches import NOISE, calibrated, random_touch, statistics
 
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinStatus
@@ -15,7 +15,7 @@ from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimator
 from saphari_drake.perception.skin.fit import Load, Prior, fit_bells
 from saphari_drake.perception.skin.kernels import pressure_peaks
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters, neighbour_table
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters
 from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
 FORCE_BOUND, POINT_BOUND = 0.05, 0.005  # relative, and m
@@ -28,7 +28,7 @@ def skin(lwr4):
     """Layout, modules and calibration."""
     layout = SkinLayout(lwr4)
     modules = SkinModules(layout)
-    return layout, modules, calibrate_modules(modules, IndenterParameters(presses=80))
+    return layout, modules, calibrated(modules, IndenterParameters(presses=80))
 
 
 @pytest.fixture(scope="module")
