@@ -38,7 +38,7 @@ class GuidingCellParameters(PlantParameters):
     # What the arm takes: torque, or position, to which its own stiff servo then holds.
     interface: str = "torque"
     servo: PositionServoParameters = field(default_factory=PositionServoParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(position_resolution=1e-6))
     skin_layout: SkinLayoutParameters = field(default_factory=SkinLayoutParameters)
     skin_sensor: SkinSensorParameters = field(default_factory=SkinSensorParameters)

@@ -33,7 +33,7 @@ def _ceiling_camera() -> CameraParameters:
 class ObstacleWatch:
     """The camera, and what makes obstacle points of its images."""
 
-    # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
+    # Above and behind a person who stands beside the path of Fig. 2. A Kinect at half resolution and rate. Assumed.
     camera: CameraParameters = field(default_factory=_ceiling_camera)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
     vision: SegmentationParameters = field(default_factory=SegmentationParameters)

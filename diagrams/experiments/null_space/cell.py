@@ -46,7 +46,7 @@ class NullSpaceCellParameters(NullSpacePipelineParameters):
     """World, sensor and pipeline."""
 
     cell: ObstacleCellParameters = field(default_factory=ObstacleCellParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(
         default_factory=lambda: JointSensorParameters(position_resolution=1e-6, differentiate=True)
     )

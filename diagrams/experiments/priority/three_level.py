@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class ThreeLevelParameters:
-    """Job and surroundings; A."""
+    """Job and surroundings; assumed."""
 
     # Frames whose origins keep clear of the person.
     guarded: list[str] = field(default_factory=lambda: ["link_4", "link_5", "link_6", "link_7"])
