@@ -73,7 +73,7 @@ class ContactForceControlParameters:
     stop_lead: float = 0.02
     # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
     # Assumed.
-    follow_limit: float = 0.05
+    follow_limit: float = 0.2
     # s; how much later than it is commanded a torque acts; the stop looks ahead farther by as much.
     torque_delay: float = 0.0
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
