@@ -18,10 +18,10 @@ class JointFrictionParameters:
     # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint.
     coulomb: list[float] | float = 0.0
     viscous: list[float] | float = 0.0
-    # rad (m); over this way friction turns round when a joint does. Below an encoder's step it would follow its noise.
+    # rad (m); over this way friction turns round when a joint does. Ten steps of an encoder or more, whose noise it follows.
     # Assumed.
-    turn: float = 5.0e-4
-    # Share of the Coulomb friction by which it may be wrong: thresholds of a contact rise by as much. Assumed.
+    turn: float = 1.0e-4
+    # Share of the Coulomb friction by which it may be wrong in motion; thresholds of a contact rise by it. Assumed.
     uncertainty: float = 0.3
 
     def __post_init__(self) -> None:
@@ -35,6 +35,11 @@ class JointFriction(NamedTuple):
     coulomb: Array
     viscous: Array
     turn: float
+    error: float  # share of the Coulomb friction
+
+    def uncertainty(self, share: Array) -> Array:
+        """Return by how much the friction may be wrong (n,): all of it, where a joint has not moved yet."""
+        return self.coulomb * (1.0 - (1.0 - min(self.error, 1.0)) * np.abs(share))
 
     def torque(self, share: Array, v: Array) -> Array:
         """Return what friction does to the joints, (n,), with `share` of the Coulomb friction acting (−1 … 1)."""
@@ -53,4 +58,4 @@ class JointFriction(NamedTuple):
 def joint_friction(params: JointFrictionParameters, n: int) -> JointFriction:
     """Return the friction of a robot with n joints."""
     coulomb, viscous = (diagonal(getattr(params, name), n, name) for name in ("coulomb", "viscous"))
-    return JointFriction(coulomb, viscous, params.turn)
+    return JointFriction(coulomb, viscous, params.turn, params.uncertainty)

@@ -105,6 +105,7 @@ class MomentumObserver(LeafSystem):
         - torque_applied
         output_ports:
         - torque_external
+        - friction_uncertainty
         - system_status
 
     Ports
@@ -144,6 +145,8 @@ class MomentumObserver(LeafSystem):
         start = _Estimate(np.zeros(robot.n), terms.p)
         tickets = {self._dynamics.ticket(), self.xd_ticket()}
         self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
+        unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
+        declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
         readouts = {"torque_external": (robot.n, lambda e: e.r), "system_status": (1, lambda e: [status_of(e.r)])}
         declare_readouts(self, self._estimate, readouts)
 
@@ -153,6 +156,9 @@ class MomentumObserver(LeafSystem):
         started = context.get_discrete_state(self._started).value()[0] == 1.0
         integral = np.array(context.get_discrete_state(self._integral).value()) if started else terms.p
         return _Estimate(residual(terms.p, integral, self._gain), integral)
+
+    def _unsure(self, context: Context) -> Array:
+        return self._friction.uncertainty(context.get_discrete_state(self._share).value())
 
     def _update(self, context: Context, state: State) -> None:
         now: _Estimate = self._estimate.Eval(context)

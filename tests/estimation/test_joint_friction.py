@@ -23,7 +23,7 @@ def test_moving_it_brakes_with_its_full_size_and_at_rest_it_remembers():
 
 def test_turning_round_takes_its_way_and_not_a_step_of_an_encoder():
     friction = joint_friction(FRICTION, 7)
-    np.testing.assert_allclose(friction.after(np.ones(7), np.full(7, -1e-5)), 1.0, atol=0.05)
+    np.testing.assert_allclose(friction.after(np.ones(7), np.full(7, -1e-5)), 1.0, atol=0.25)
     np.testing.assert_allclose(friction.after(np.ones(7), np.full(7, -3e-3)), -1.0, atol=0.01)
 
 
