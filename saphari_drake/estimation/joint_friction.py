@@ -18,8 +18,7 @@ class JointFrictionParameters:
     # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint.
     coulomb: list[float] | float = 0.0
     viscous: list[float] | float = 0.0
-    # rad (m); over this way friction turns round when a joint does. Ten steps of an encoder or more, whose noise it follows.
-    # Assumed.
+    # rad (m); way over which friction turns round when a joint does: ten steps of an encoder or more. Assumed.
     turn: float = 1.0e-4
     # Share of the Coulomb friction by which it may be wrong in motion; thresholds of a contact rise by it. Assumed.
     uncertainty: float = 0.3

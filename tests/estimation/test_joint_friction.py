@@ -17,7 +17,7 @@ def test_moving_it_brakes_with_its_full_size_and_at_rest_it_remembers():
     v = np.array([0.2, -0.2, 0.5, -0.5, 0.1, -0.1, 0.3])
     share = friction.after(np.zeros(7), 0.05 * v)
     np.testing.assert_allclose(share, np.sign(v), atol=1e-3)
-    np.testing.assert_allclose(friction.torque(share, v), -FRICTION.coulomb * np.sign(v) - 4.0 * v, atol=1e-2)
+    np.testing.assert_allclose(friction.torque(share, v), -np.array(FRICTION.coulomb) * np.sign(v) - 4.0 * v, atol=1e-2)
     np.testing.assert_array_equal(friction.after(share, np.zeros(7)), share)
 
 
