@@ -26,6 +26,8 @@ class VelocityEnvelopeParameters:
     torque_reserve: float = 0.1
     # Share of the velocity limits at which all joints are taken to move at once. Assumed.
     speed_share: float = 0.5
+    # Share of the velocity limits kept for what the servo overshoots. Assumed; 0.002 was needed.
+    speed_margin: float = 0.005
     # rad or m, kept from the position limits.
     position_margin: float = 0.001
     # s, by which the joints follow the applied velocity at most. Assumed; `JointVelocityServo` at 1 ms needs 0.002.
@@ -40,7 +42,7 @@ class VelocityEnvelopeParameters:
         require_non_negative(self, "position_margin", "lag")
         if not np.all(np.asarray(self.acceleration_max, dtype=float) > 0.0):
             raise ParameterError("acceleration_max", f"must be positive, got {self.acceleration_max}")
-        for name in ("torque_reserve", "speed_share"):
+        for name in ("torque_reserve", "speed_share", "speed_margin"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise ParameterError(name, f"must lie in [0, 1), got {getattr(self, name)}")
 
@@ -83,7 +85,7 @@ def bounds_of(robot: RobotModel, params: VelocityEnvelopeParameters) -> Bounds:
     return Bounds(
         robot.q_min + params.position_margin,
         robot.q_max - params.position_margin,
-        robot.v_max.copy(),
+        (1.0 - params.speed_margin) * robot.v_max,
         acceleration,
         acceleration / params.rise_time,
         params.position_margin + params.lag * robot.v_max,
