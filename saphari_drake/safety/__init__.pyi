@@ -11,3 +11,6 @@ from .torque_limit import TorqueLimit as TorqueLimit
 from .velocity_envelope.law import VelocityStatus as VelocityStatus
 from .velocity_envelope.parameters import VelocityEnvelopeParameters as VelocityEnvelopeParameters
 from .velocity_envelope.system import VelocityEnvelope as VelocityEnvelope
+from .verified_stop.law import StopStatus as StopStatus
+from .verified_stop.parameters import VerifiedStopParameters as VerifiedStopParameters
+from .verified_stop.system import VerifiedStop as VerifiedStop
