@@ -80,7 +80,7 @@ class MeasuredLoop:
             each(self)
             self.steps += 1
             self.simulator.AdvanceTo(0.001 * self.steps + 2e-6)
-            torques.append(self.read(self.pipeline.limit, "torque_applied"))
+            torques.append(self.read(self.pipeline.envelope, "torque_applied"))
             statuses.append(self.read(self.pipeline.switch, "system_status")[0])
         return np.array(torques), np.array(statuses)
 

@@ -10,6 +10,12 @@ from .contact import (
 from .contact import (
     add_contact_pipeline as add_contact_pipeline,
 )
+from .envelope import (
+    JointState as JointState,
+)
+from .envelope import (
+    add_joint_envelope as add_joint_envelope,
+)
 from .hand_guiding import (
     HandGuidingMeasurements as HandGuidingMeasurements,
 )

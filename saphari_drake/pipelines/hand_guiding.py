@@ -8,15 +8,18 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.control.hand_guiding.system import HandGuidingController
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
+from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive
 from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator, WristWrenchParameters
+from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
-from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
+from saphari_drake.safety.joint_envelope.system import JointEnvelope
 
 
 @dataclass
@@ -31,10 +34,13 @@ class HandGuidingPipelineParameters:
     controller: HandGuidingParameters = field(default_factory=HandGuidingParameters)
     # The answer to a joint state that is not known, and the way back.
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
+    # What the hands do to the arm, for the envelope alone.
+    observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
+    envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.skin, self.wrist, self.controller, self.switch):
+        for part in (self.skin, self.wrist, self.controller, self.switch, self.observer):
             part.period = self.period
         self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.controller.__post_init__()
@@ -48,6 +54,7 @@ class HandGuidingMeasurements(NamedTuple):
     wrench: OutputPort  # 6 (Nm, N), reading of the wrist sensor
     voltages: OutputPort  # of the skin (V)
     sample_time: OutputPort  # when they were read (s)
+    joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
 
 
 class HandGuidingPipeline(NamedTuple):
@@ -57,12 +64,12 @@ class HandGuidingPipeline(NamedTuple):
     wrist: WristWrenchEstimator
     controller: HandGuidingController
     switch: CommandSwitch
-    limit: TorqueLimit
+    envelope: JointEnvelope
 
     @property
     def torque_output(self) -> OutputPort:
         """Joint torque, n (Nm or N), for an arm that takes torques."""
-        return self.limit.GetOutputPort("torque_applied")
+        return self.envelope.GetOutputPort("torque_applied")
 
     @property
     def position_output(self) -> OutputPort:
@@ -90,7 +97,11 @@ def add_hand_guiding_pipeline(
     wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist))
     controller = add("controller", HandGuidingController(robot, params.controller))
     switch = add("command_switch", CommandSwitch(robot, params.switch))
-    limit = add("torque_limit", TorqueLimit(robot, params.period))
+    observer = add("momentum_observer", MomentumObserver(robot, params.observer))
+    torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
+    envelope = add_joint_envelope(
+        builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period
+    )
     wires = (
         (measured.position, dynamics, "position_measured"),
         (measured.velocity, dynamics, "velocity_measured"),
@@ -106,9 +117,9 @@ def add_hand_guiding_pipeline(
         (wrist.GetOutputPort("wrench_measured"), controller, "wrench_measured"),
         (dynamics.get_output_port(), switch, "dynamics"),
         (controller.GetOutputPort("torque_commanded"), switch, "torque_commanded"),
-        (switch.GetOutputPort("torque_commanded"), limit, "torque_commanded"),
-        (limit.GetOutputPort("torque_applied"), switch, "torque_applied"),
+        (dynamics.get_output_port(), observer, "dynamics"),
+        (envelope.GetOutputPort("torque_mean"), observer, "torque_applied"),
     )
     for source, system, name in wires:
         builder.Connect(source, system.GetInputPort(name))
-    return HandGuidingPipeline(skin, wrist, controller, switch, limit)
+    return HandGuidingPipeline(skin, wrist, controller, switch, envelope)

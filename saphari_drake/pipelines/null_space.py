@@ -10,10 +10,12 @@ from saphari_drake.control.null_space.system import NullSpaceComplianceControlle
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
+from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
-from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
+from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
 
 
@@ -28,6 +30,7 @@ class NullSpacePipelineParameters:
     disturbance: DisturbanceObserverParameters = field(default_factory=DisturbanceObserverParameters)
     controller: NullSpaceComplianceParameters = field(default_factory=NullSpaceComplianceParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
+    envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
@@ -42,12 +45,12 @@ class NullSpacePipeline(NamedTuple):
     disturbance: DisturbanceObserver
     controller: NullSpaceComplianceController
     switch: CommandSwitch
-    limit: TorqueLimit
+    envelope: JointEnvelope
 
     @property
     def torque_output(self) -> OutputPort:
         """Joint torque, n (Nm)."""
-        return self.limit.GetOutputPort("torque_applied")
+        return self.envelope.GetOutputPort("torque_applied")
 
 
 def add_null_space_pipeline(
@@ -56,21 +59,35 @@ def add_null_space_pipeline(
     position: OutputPort,
     velocity: OutputPort,
     params: NullSpacePipelineParameters | None = None,
+    joint_state: JointState | None = None,
 ) -> NullSpacePipeline:
-    """Add dynamics, observers, controller, switch and torque limit, and connect them to what the joints measure.
+    """Add dynamics, observers, controller, switch and envelope, and connect them to what the joints measure.
 
-    The desired motion is left to connect to the controller; without it, the pose at the start is kept.
+    `position` and `velocity` are held over each cycle; `joint_state` is at the robot's own rate, the period of the
+    envelope. The desired motion is left to connect to the controller; without it, the pose at the start is kept.
     """
     params = params or NullSpacePipelineParameters()
     params.__post_init__()  # its parts take the period
     add = builder.AddNamedSystem
+    switch = add("command_switch", CommandSwitch(robot, params.switch))
+    momentum = add("momentum_observer", MomentumObserver(robot, params.momentum))
+    torque_external, held = momentum.GetOutputPort("torque_external"), JointState(position, velocity)
     p = NullSpacePipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
-        momentum=add("momentum_observer", MomentumObserver(robot, params.momentum)),
+        momentum=momentum,
         disturbance=add("disturbance_observer", DisturbanceObserver(robot, params.disturbance)),
         controller=add("controller", NullSpaceComplianceController(robot, params.controller)),
-        switch=add("command_switch", CommandSwitch(robot, params.switch)),
-        limit=add("torque_limit", TorqueLimit(robot, params.period)),
+        switch=switch,
+        envelope=add_joint_envelope(
+            builder,
+            robot,
+            switch,
+            torque_external,
+            held,
+            joint_state,
+            params.envelope,
+            params.period,
+        ),
     )
     connect(
         builder,
@@ -79,13 +96,12 @@ def add_null_space_pipeline(
         (p.controller, "observer_drive", p.disturbance),
         (p.controller, "yielding", p.disturbance),
         (p.controller, "torque_commanded", p.switch),
-        (p.switch, "torque_commanded", p.limit),
-        (p.limit, "torque_applied", p.momentum, p.switch),
-        (p.limit, "torque_excess", p.disturbance),
+        (p.envelope, "torque_excess", p.disturbance),
     )
     for source, target, name in (
         (position, p.dynamics, "position_measured"),
         (velocity, p.dynamics, "velocity_measured"),
+        (p.envelope.GetOutputPort("torque_mean"), p.momentum, "torque_applied"),
         (p.disturbance.GetOutputPort("torque_external"), p.controller, "torque_external_task"),
     ):
         builder.Connect(source, target.GetInputPort(name))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from experiments.joint_state import own_joint_state
 from saphari_drake.parameters import share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.segmentation.background import background_depth
@@ -96,8 +97,11 @@ def add_contact_cell(
     joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, params.joint_sensor))
     builder.Connect(cell.robot_state, joints.GetInputPort("state"))
     ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")
-    outputs = (system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names)
-    measured = ContactMeasurements(*outputs)
+    position, velocity, image, time = (
+        system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names
+    )
+    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.pipeline.envelope)
+    measured = ContactMeasurements(position, velocity, image, time, state)
     pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)
     return ContactCell(cell, camera, params.camera, sampler, pipeline)

@@ -87,7 +87,7 @@ def build_contact(
     parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
     recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     record(recorder, parts)
-    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
+    fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
     show(builder, parts.cell.scene_graph, meshcat)
     return ContactSetup(scenario, robot, pushes, builder.Build(), parts, recorder, fast, scenario.duration, recorded)
 
@@ -105,7 +105,7 @@ def record_contact(builder: DiagramBuilder, parts: ContactCell, period: float) -
     recorder.add("force_rank", p.force.GetOutputPort("rank"), "1")
     recorder.add("contact_position", p.controller.GetOutputPort("contact_position"), "m")
     recorder.add("torque", p.torque_output, "Nm")
-    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("torque_excess", p.envelope.GetOutputPort("torque_excess"), "Nm")
     recorder.add("contact_truth", cell.contact_results, "N, m, index", lambda results: contact_truth(results, cell), 7)
     return recorder
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from experiments.joint_state import own_joint_state
 from saphari_drake.parameters import require_choice
 from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
@@ -93,10 +94,11 @@ def add_guiding_cell(
         wrist.GetOutputPort("wrench_sensor"),
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
+        own_joint_state(builder, robot, cell, params.joint_sensor, params.pipeline.envelope),
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
-    driving, torque = pipeline.limit, pipeline.torque_output
+    driving, torque = pipeline.envelope, pipeline.torque_output
     if params.interface == "position":
         driving = add("position_servo", JointPositionServo(robot, params.servo))
         builder.Connect(state, driving.GetInputPort("state"))

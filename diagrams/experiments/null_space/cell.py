@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from pydrake.systems.framework import DiagramBuilder
 
+from experiments.joint_state import own_joint_state
 from saphari_drake.parameters import require_choice, share_period
 from saphari_drake.pipelines.null_space import (
     NullSpacePipeline,
@@ -71,6 +72,8 @@ def add_null_space_cell(
     params.__post_init__()  # the sensor takes the period
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, params.joint_sensor))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    pipeline = add_null_space_pipeline(builder, robot, sensor.get_output_port(0), sensor.get_output_port(1), params)
+    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.envelope)
+    ports = sensor.get_output_port(0), sensor.get_output_port(1)
+    pipeline = add_null_space_pipeline(builder, robot, *ports, params, state)
     builder.Connect(pipeline.torque_output, cell.torque_input)
     return NullSpaceCell(cell, pipeline)

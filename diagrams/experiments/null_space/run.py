@@ -118,7 +118,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
         for name in ("desired_pose", "desired_velocity", "desired_acceleration"):
             builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
     recorder = _record(builder, parts)
-    fast = record_limits(builder, parts.cell, parts.pipeline.limit.GetOutputPort("torque_excess"))
+    fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
     show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 
@@ -144,7 +144,7 @@ def _record(builder: DiagramBuilder, parts: NullSpaceCell) -> Recorder:
     recorder.add("residual", p.momentum.GetOutputPort("torque_external"), "Nm")
     recorder.add("torque_estimated", p.disturbance.GetOutputPort("torque_external"), "Nm", lambda torque: -torque)
     recorder.add("torque_commanded", p.torque_output, "Nm")
-    recorder.add("torque_excess", p.limit.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("torque_excess", p.envelope.GetOutputPort("torque_excess"), "Nm")
     for name, unit in (("task_error", "m"), ("yielding", "1")):
         recorder.add(name, p.controller.GetOutputPort(name), unit)
     return recorder

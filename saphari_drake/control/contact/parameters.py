@@ -30,7 +30,7 @@ class ContactImpedanceParameters:
     # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
     misfit_lever: float = 0.03
     # kg, bound of the effective mass near singular directions of the contact. A.
-    max_effective_mass: float = 50.0
+    max_effective_mass: float = 100.0
     # s; the control cycle.
     period: float = 0.005
 
@@ -74,7 +74,7 @@ class ContactForceControlParameters:
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
     misfit_lever: float = 0.03
     # kg, bound of the effective mass near singular directions of the contact. A.
-    max_effective_mass: float = 50.0
+    max_effective_mass: float = 100.0
     # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0

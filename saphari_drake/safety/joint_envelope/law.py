@@ -24,7 +24,7 @@ class EnvelopeStatus(IntEnum):
     POSITION = 4
     ENERGY = 5
     BRAKING = 6  # no torque keeps all limits, as under a push stronger than the motors: the fullest braking
-    BAD_INPUT = 7  # state or command are not known: the last torque is kept, and the brakes are asked for
+    BAD_INPUT = 7  # state or command are not known
 
 
 FREE, TORQUE, RATE, SPEED, POSITION, ENERGY, BRAKING = (int(status) for status in list(EnvelopeStatus)[:7])
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
     M: Array
     h: Array  # C q̇ + g, Nm or N
     tau_ext: Array  # what the environment does to the robot, Nm or N
-    tau: Array  # applied in the period before, Nm or N
+    tau: Array  # given in the period before, Nm or N
 
 
 class Limited(NamedTuple):
@@ -86,10 +86,29 @@ def limited_torque(envelope, motion, command):
             nearest(M_inv, wish, C[n:], low[n:], high[n:], stop, active[n:])
         share = _least_share(e, motion.M, v, a, stop) if found and fast else 1.0
         a = (1.0 - share) * a + share * stop
-    torque = apply(motion.M, a) + offset
+    torque = command.copy() if status == FREE else apply(motion.M, a) + offset
     for i in range(n):
         torque[i] = min(max(torque[i], low[n + i] + offset[i]), high[n + i] + offset[i])
     return Limited(torque, status, joint, _margin(e, motion.q, v, a))
+
+
+@njit(cache=True)
+def predicted(envelope, motion, torques, delay, velocity_age):
+    """Return the motion when a torque given now begins to act, `delay` periods ahead.
+
+    Parameters
+    ----------
+    torques : (k, n) array
+        Torques of the k > `delay` periods before, the latest last; those that still wait act one after the other.
+    velocity_age : float
+        How much older than q the measured velocity is (s), at most a period.
+    """
+    M_inv, offset, T = _inverse(motion.M), motion.h - motion.tau_ext, envelope.period
+    q, v = motion.q.copy(), motion.v + velocity_age * apply(M_inv, torques[len(torques) - 1 - delay] - offset)
+    for k in range(len(torques) - delay, len(torques)):
+        v = v + T * apply(M_inv, torques[k] - offset)
+        q = q + T * v
+    return Motion(q, v, motion.M, motion.h, motion.tau_ext, torques[-1])
 
 
 @njit(cache=True)

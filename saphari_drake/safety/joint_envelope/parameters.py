@@ -30,21 +30,45 @@ class JointEnvelopeParameters:
     speed_share: float = 0.5
     # Share of the torque rate kept for changes of gravity, of velocity terms and of pushes. Assumed.
     rate_reserve: float = 0.5
+    # Share of the velocity limits kept for the noise of the measured velocity. Assumed.
+    speed_margin: float = 0.01
     # rad or m, kept from the position limits.
     position_margin: float = 0.001
     # Postures, drawn at random, from which the sure deceleration is found (≥ 1).
     postures: int = 2000
+    # s, from a torque to its effect; a whole number of periods.
+    torque_delay: float = 0.0
+    # s, how much older than the position the measured velocity is: half a period if it is the difference of positions.
+    velocity_age: float = 0.0005
+    # s, over which torque_mean goes: the period of those that are fed with it. A whole number of periods.
+    mean_time: float = 0.005
     # s, the robot's own cycle.
     period: float = 0.001
 
     def __post_init__(self) -> None:
-        require_positive(self, "torque_rate", "postures", "period")
-        require_non_negative(self, "position_margin")
+        require_positive(self, "torque_rate", "postures", "mean_time", "period")
+        require_non_negative(self, "position_margin", "torque_delay", "velocity_age")
         if not self.kinetic_energy > 0.0:
             raise ParameterError("kinetic_energy", f"must be positive, got {self.kinetic_energy}")
-        for name in ("energy_reserve", "push_share", "rate_reserve", "speed_share"):
+        for name in ("energy_reserve", "push_share", "rate_reserve", "speed_share", "speed_margin"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise ParameterError(name, f"must lie in [0, 1), got {getattr(self, name)}")
+        if self.velocity_age > self.period:
+            raise ParameterError("velocity_age", f"must be at most a period, got {self.velocity_age}")
+        self.periods("torque_delay"), self.periods("mean_time")
+
+    def periods(self, name: str) -> int:
+        """Return how many periods a time has.
+
+        Raises
+        ------
+        ParameterError
+            If it is no whole number of them.
+        """
+        count = getattr(self, name) / self.period
+        if abs(count - round(count)) > 1e-6:
+            raise ParameterError(name, f"must be a multiple of the period {self.period} s, got {getattr(self, name)}")
+        return round(count)
 
 
 class Envelope(NamedTuple):
@@ -92,7 +116,7 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
     return Envelope(
         robot.q_min + params.position_margin,
         robot.q_max - params.position_margin,
-        robot.v_max,
+        (1.0 - params.speed_margin) * robot.v_max,
         robot.tau_max,
         rate,
         deceleration,

@@ -1,16 +1,17 @@
 """The joint envelope as the last system before the torque."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.messages import Immutable
+from saphari_drake.messages import Immutable, SystemStatus
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Limited, Motion, limited_torque
+from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Limited, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -19,8 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Memory(Immutable):
+    torques: Array  # (k, n), of the last periods, the latest last
+
+
+class _Output(NamedTuple):
     limited: Limited
     excess: Array
+    system_status: SystemStatus
 
 
 class JointEnvelope(LeafSystem):
@@ -39,71 +45,102 @@ class JointEnvelope(LeafSystem):
         - status
         - joint
         - margin
+        - system_status
+        - torque_mean
 
     Ports
     -----
-    dynamics : abstract `DynamicsTerms`, of a state that is measured as often as this system acts.
+    dynamics : abstract `DynamicsTerms`, of a state that is measured in each period of this system.
     torque_external : n (Nm or N), what the environment does to the robot, from `MomentumObserver`; optional: none.
     torque_commanded : n (Nm or N).
-    torque_applied : n (Nm or N), what drives the joints, and what observers are fed; of the cycle before.
+    torque_applied : n (Nm or N), what drives the joints.
     torque_excess : n (Nm or N), commanded minus applied.
     status : 1, an `EnvelopeStatus`.
     joint : 1, index of the joint whose limit is the most urgent, −1 for none.
     margin : 1, share of the envelope left: 1 in its middle, 0 at a limit, negative outside.
+    system_status : 1, a `SystemStatus`: BAD_INPUT while state or command are not known. Without the command its last
+        torque is wished for; without the state nothing but torque and rate can be limited.
+    torque_mean : n (Nm or N), mean of the torque at the joints over the last `mean_time`, which slower observers are
+        fed; depends on no input.
 
-    Law and guarantee: `limited_torque`. It knows nothing of the controller inside. While state, external torque or
-    command are not known, the torque stays what it was, and the status asks for the brakes.
+    Law and guarantee: `limited_torque`. It knows nothing of the controller inside. An external torque that is not
+    finite counts as none. At the start the torque before was that of the weight.
     """
 
     def __init__(self, robot: RobotModel, params: JointEnvelopeParameters | None = None) -> None:
         super().__init__()
-        self._params = params or JointEnvelopeParameters()
-        self.envelope = envelope_of(robot, self._params)
+        self._params = params = params or JointEnvelopeParameters()
+        self.envelope = envelope_of(robot, params)
+        self._delay, self._width = params.periods("torque_delay"), params.periods("mean_time")
         n = robot.n
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
-        self._limited(terms, zero, terms.g, terms.g)  # compiles
+        memory = self._resting(terms)
+        self._limited(terms, zero, terms.g, memory.torques)  # compiles
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
         self._command = self.DeclareVectorInputPort("torque_commanded", BasicVector(n))
-        start = _Memory(Limited(terms.g, EnvelopeStatus.FREE, -1, 1.0), zero)
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
-        state = {self.abstract_state_ticket(self._memory)}
-        output = declare_cache(self, "limited", start, self._remembered, state)
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
+        state = self.abstract_state_ticket(self._memory)
+        start = _Output(Limited(terms.g, EnvelopeStatus.FREE, -1, 1.0), zero, SystemStatus.OK)
+        tickets = {self._dynamics.ticket(), self._external.ticket(), self._command.ticket(), state}
+        self._output = declare_cache(self, "limited", start, self._evaluate, tickets)
         readouts = {
             "torque_applied": (n, lambda o: o.limited.torque),
             "torque_excess": (n, lambda o: o.excess),
             "status": (1, lambda o: [float(o.limited.status)]),
             "joint": (1, lambda o: [float(o.limited.joint)]),
             "margin": (1, lambda o: [o.limited.margin]),
+            "system_status": (1, lambda o: [float(o.system_status)]),
         }
-        declare_readouts(self, output, readouts)
+        declare_readouts(self, self._output, readouts)
+        mean = declare_cache(self, "mean", zero, self._mean, {state})
+        declare_readouts(self, mean, {"torque_mean": (n, lambda torque: torque)})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
 
-    def _remembered(self, context: Context) -> _Memory:
+    def _resting(self, terms: DynamicsTerms) -> _Memory:
+        weight = np.clip(terms.g, -self.envelope.tau_max, self.envelope.tau_max)
+        return _Memory(np.tile(weight, (self._delay + max(self._width, 1), 1)))
+
+    def _torques(self, context: Context) -> Array:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
-        return memory
+        return memory.torques
 
-    def _limited(self, terms: DynamicsTerms, external: Array, command: Array, before: Array) -> Limited:
-        motion = Motion(terms.q, terms.v, terms.M, terms.Cv + terms.g, np.array(external), np.array(before))
-        return Limited(*limited_torque(self.envelope, motion, np.array(command)))
+    def _mean(self, context: Context) -> Array:
+        return self._torques(context)[: self._width].mean(axis=0)
+
+    def _limited(self, terms: DynamicsTerms, external: Array, command: Array, torques: Array) -> Limited:
+        motion = Motion(terms.q, terms.v, terms.M, terms.Cv + terms.g, external, torques[-1])
+        motion = predicted(self.envelope, motion, torques, self._delay, self._params.velocity_age)
+        return Limited(*limited_torque(self.envelope, motion, command))
+
+    def _evaluate(self, context: Context) -> _Output:
+        torques, terms = self._torques(context), self._dynamics.Eval(context)
+        given, largest = self._command.Eval(context), 1e3 * self.envelope.tau_max
+        known = bool(np.isfinite(given).all())
+        command = np.clip(given, -largest, largest) if known else torques[-1]
+        if not terms.finite:
+            torque = self._within_rate(command, torques[-1])
+            return _Output(
+                Limited(torque, EnvelopeStatus.BAD_INPUT, -1, np.nan), command - torque, SystemStatus.BAD_INPUT
+            )
+        external = np.zeros(len(command))
+        if self._external.HasValue(context):
+            external = np.nan_to_num(self._external.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
+        now = self._limited(terms, external, command, torques)
+        if not known:
+            now = now._replace(status=EnvelopeStatus.BAD_INPUT)
+        return _Output(now, command - now.torque, SystemStatus.OK if known else SystemStatus.BAD_INPUT)
+
+    def _within_rate(self, command: Array, before: Array) -> Array:
+        step = self.envelope.tau_rate * self.envelope.period
+        return np.clip(np.clip(command, before - step, before + step), -self.envelope.tau_max, self.envelope.tau_max)
 
     def _start(self, context: Context, state: State) -> None:
-        """Begin with the weight of the robot where it stands, cut off at the limits."""
         terms: DynamicsTerms = self._dynamics.Eval(context)
-        memory = self._remembered(context)
         if terms.finite:
-            torque = np.clip(terms.g, -self.envelope.tau_max, self.envelope.tau_max)
-            memory = _Memory(memory.limited._replace(torque=torque), memory.excess)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+            state.get_mutable_abstract_state(int(self._memory)).set_value(self._resting(terms))
 
     def _update(self, context: Context, state: State) -> None:
-        before, terms = self._remembered(context).limited, self._dynamics.Eval(context)
-        command = self._command.Eval(context)
-        external = self._external.Eval(context) if self._external.HasValue(context) else np.zeros(len(command))
-        if terms.finite and np.isfinite(command).all() and np.isfinite(external).all():
-            now = self._limited(terms, external, command, before.torque)
-            memory = _Memory(now, command - now.torque)
-        else:
-            memory = _Memory(before._replace(status=EnvelopeStatus.BAD_INPUT), np.zeros(len(command)))
-        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+        torques = np.vstack((self._torques(context)[1:], self._output.Eval(context).limited.torque))
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(torques))

@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from bench import Bench
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from saphari_drake.robots.dynamics import RobotDynamics
-from saphari_drake.safety.joint_envelope.law import EnvelopeStatus
+from saphari_drake.errors import ParameterError
+from saphari_drake.messages import SystemStatus
+from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque, predicted
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 
@@ -48,7 +52,10 @@ def run(robot, torque, duration):
     for k in range(1, int(duration / STEP)):
         simulator.AdvanceTo(k * STEP + 0.5 * STEP)
         own = envelope.GetMyContextFromRoot(context)
-        values = [envelope.GetOutputPort(name).Eval(own) for name in ("torque_applied", "torque_excess", "status")]
+        values = [
+            envelope.GetOutputPort(name).Eval(own)
+            for name in ("torque_applied", "torque_excess", "status", "system_status")
+        ]
         samples.append((plant.GetVelocities(plant.GetMyContextFromRoot(context)), *values))
     return [np.array(column) for column in zip(*samples)]
 
@@ -57,23 +64,79 @@ def run(robot, torque, duration):
 def test_noise_at_full_torque_spins_no_joint(lwr4, seed):
     rng = np.random.default_rng(seed)
     held = rng.uniform(-1.0, 1.0, (50, 7)) * 2.0 * lwr4.tau_max
-    v, torque, _, status = run(lwr4, lambda t: held[int(t / 0.02) % 50], 1.0)
-    assert np.max(np.abs(v) / lwr4.v_max) < 1.02  # the sensor tells of the state one step ago
+    v, torque, _, status, _ = run(lwr4, lambda t: held[int((t + 0.0007) / 0.02) % 50], 1.0)  # between two periods
+    assert np.max(np.abs(v) / lwr4.v_max) < 1.0
     assert np.all(np.abs(torque) <= lwr4.tau_max)
     assert np.max(np.abs(np.diff(torque, axis=0))) <= 1000.0 * STEP * (1.0 + 1e-9)
     assert set(status.ravel()) & {EnvelopeStatus.SPEED, EnvelopeStatus.POSITION}
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_command_that_is_not_known_keeps_the_torque_and_is_told(lwr4, bad):
+def test_without_a_command_the_last_torque_is_wished_for_and_it_is_told(lwr4, bad):
     """And the envelope goes on when the command is known again."""
 
     def torque(t):
         return np.full(7, bad) if 0.05 < t < 0.10 else np.zeros(7)
 
-    _, applied, excess, status = run(lwr4, torque, 0.2)
+    _, applied, excess, status, system_status = run(lwr4, torque, 0.2)
     lost = status[:, 0] == EnvelopeStatus.BAD_INPUT
+    np.testing.assert_array_equal(lost, system_status[:, 0] == SystemStatus.BAD_INPUT)
     assert 48 <= lost.sum() <= 52
     assert np.isfinite(applied).all() and np.isfinite(excess).all()
-    np.testing.assert_array_equal(np.diff(applied[lost], axis=0), 0.0)
+    assert np.max(np.abs(np.diff(applied[lost], axis=0))) < 0.5  # 1 Nm at full rate
     assert not lost[-50:].any()
+
+
+def test_an_unknown_state_leaves_torque_and_rate_limited(lwr4):
+    start = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    bench = Bench(JointEnvelope(lwr4), dynamics=start, torque_commanded=start.g)
+    bench.set(dynamics=start.unknown(), torque_commanded=np.full(7, 1e3))
+    np.testing.assert_allclose(bench.read("torque_applied"), np.minimum(start.g + 1.0, lwr4.tau_max))
+    assert bench.read("status") == EnvelopeStatus.BAD_INPUT
+    assert bench.read("system_status") == SystemStatus.BAD_INPUT
+
+
+def test_the_mean_torque_is_that_at_the_joints(lwr4):
+    """Delayed, over the last window, and of no input of now."""
+    start = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    params = JointEnvelopeParameters(torque_delay=0.002, mean_time=0.003, period=0.005 / 5)
+    bench = Bench(JointEnvelope(lwr4, params), dynamics=start, torque_commanded=start.g)
+    given = [start.g] * 5
+    for k in range(20):
+        bench.set(torque_commanded=start.g + 0.3 * np.sin(k + np.arange(7)))
+        given.append(bench.read("torque_applied"))
+        bench.simulator.AdvanceTo((k + 1) * STEP + 2e-6)
+        np.testing.assert_allclose(bench.read("torque_mean"), np.mean(given[-5:-2], axis=0))
+
+
+def test_a_known_delay_keeps_the_speed_within_its_limit(lwr4):
+    """The torque waits two periods; without knowing it the envelope is left."""
+    speeds = [delayed(lwr4, known) for known in (0.0, 0.002)]
+    assert speeds[0] > 1.0
+    assert speeds[1] < 1.0
+
+
+def delayed(robot, known):
+    """Return the largest share of a speed limit under torques of a fixed kind that act 2 ms late."""
+    params = JointEnvelopeParameters(torque_delay=known, velocity_age=0.0)
+    envelope, rng = envelope_of(robot, params), np.random.default_rng(0)
+    q, v = robot.home.copy(), np.zeros(7)
+    terms = evaluate_dynamics(robot, q, v)
+    torques, worst = [terms.g] * 10, 0.0
+    for k in range(600):
+        if k % 100 == 0:
+            wish = rng.choice([-1.0, 1.0], 7) * robot.tau_max
+        terms = evaluate_dynamics(robot, q, v)
+        motion = Motion(q, v, terms.M, terms.Cv + terms.g, np.zeros(7), torques[-1])
+        ahead = predicted(envelope, motion, np.array(torques[-5:]), params.periods("torque_delay"), 0.0)
+        torques.append(limited_torque(envelope, ahead, wish).torque)
+        v = v + STEP * np.linalg.solve(terms.M, torques[-3] - terms.Cv - terms.g)
+        q = q + STEP * v
+        worst = max(worst, np.max(np.abs(v) / robot.v_max))
+    return worst
+
+
+@pytest.mark.parametrize("name", ["torque_delay", "mean_time"])
+def test_times_are_whole_periods(name):
+    with pytest.raises(ParameterError, match=name):
+        JointEnvelopeParameters(**{name: 0.0015})

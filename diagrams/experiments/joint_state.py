@@ -1,0 +1,26 @@
+"""The joint state at the robot's own rate, which feeds the joint envelope."""
+
+from dataclasses import replace
+
+from pydrake.systems.framework import DiagramBuilder
+
+from saphari_drake.pipelines.envelope import JointState
+from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.world.cell import Cell
+
+
+def own_joint_state(
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    cell: Cell,
+    sensor: JointSensorParameters,
+    params: JointEnvelopeParameters,
+) -> JointState:
+    """Add a joint sensor like `sensor` with the period of the envelope, which is told how late its velocities are."""
+    sensor = replace(sensor, period=params.period)
+    params.velocity_age = 0.5 * params.period if sensor.differentiate else 0.0
+    system = builder.AddNamedSystem("envelope_sensor", JointSensor(robot, sensor))
+    builder.Connect(cell.robot_state, system.GetInputPort("state"))
+    return JointState(system.GetOutputPort("position_measured"), system.GetOutputPort("velocity_measured"))
