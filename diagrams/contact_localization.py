@@ -105,7 +105,17 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment("contact_localization", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "contact_localization",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: ("plant",),
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

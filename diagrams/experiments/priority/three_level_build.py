@@ -14,6 +14,7 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -22,6 +23,7 @@ from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
@@ -37,14 +39,14 @@ class ThreeLevelCell(NamedTuple):
     recorder: Recorder
 
 
-def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> ThreeLevelCell:
+def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth: Truth | None = None) -> ThreeLevelCell:
     """Build the diagram: sensor → dynamics and controller → servo → torques of the plant, all at the same cycle."""
-    robot, params = job.robot, job.params
+    robot, params, truth = job.robot, job.params, truth or Truth()
     period = params.controller.period
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
+    cell = add_cell(builder, robot, truth=truth)
     exact = JointSensorParameters(period=period, differentiate=False)
-    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
+    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
@@ -74,6 +76,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
         recorder.add(name, controller.GetOutputPort(name), unit)
     recorder.add("torque", servo.GetOutputPort("torque_commanded"), "Nm")
     recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")
+    inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 

@@ -32,7 +32,7 @@ _MODES = {
     ForceStatus.RELEASED: CommandMode.BRAKE,
     ForceStatus.SPEED_STOP: CommandMode.BRAKE,
     ForceStatus.UNSEEN: CommandMode.YIELD,
-    ForceStatus.NO_CAMERA: CommandMode.YIELD,
+    ForceStatus.NO_CAMERA: CommandMode.BRAKE,
 }
 
 
@@ -74,8 +74,8 @@ class ContactForceController(ContactController):
     stop_velocity : 3 (m/s, world), the velocity for which the speed stop acted; zero without a stop.
 
     In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
-    Yielding without a camera, or if the contact is not seen. Nothing returns to where it was touched: give the monitor
-    a short `return_timeout`, after which the arm holds where it came to rest.
+    Without a camera the same; yielding if the contact is not seen. Nothing returns to where it was touched: give the
+    monitor a short `return_timeout`, after which the arm holds where it came to rest.
 
     Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
     contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more. In

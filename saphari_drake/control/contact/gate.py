@@ -23,7 +23,7 @@ class ForceStatus(IntEnum):
     RELEASED = 4  # braking to rest after the release
     SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
     UNSEEN = 6  # touched, but not seen where: yield
-    NO_CAMERA = 7  # the camera is lost: compliant stop
+    NO_CAMERA = 7  # the camera is lost: brake to rest and stay there
 
 
 @dataclass(frozen=True)

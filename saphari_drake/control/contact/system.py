@@ -31,6 +31,11 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import declare_cache, declare_outputs, declare_readouts
 
 Array = NDArray[np.float64]
+_MODES = {
+    InteractionMode.HOLD: CommandMode.HOLD,
+    InteractionMode.YIELD: CommandMode.YIELD,
+    InteractionMode.STOP: CommandMode.BRAKE,
+}
 ANSWERED = (InteractionMode.CONTACT, InteractionMode.RETURN)
 
 
@@ -142,7 +147,7 @@ class ContactImpedanceController(ContactController):
     selection : abstract `Selection`, for `CommandSwitch`.
 
     In contact and return: `contact_impedance_torque`, with x_d where the contact point was when the contact began.
-    Else Coriolis and gravity terms, in favour of a posture held, or yielding.
+    Else Coriolis and gravity terms, in favour of a posture held, yielding, or a stop.
     """
 
     def __init__(self, robot: RobotModel, params: ContactImpedanceParameters | None = None) -> None:
@@ -155,8 +160,7 @@ class ContactImpedanceController(ContactController):
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:
         now: Interaction = self._interaction.Eval(context)
         if point is None:
-            mode = CommandMode.HOLD if now.mode == InteractionMode.HOLD else CommandMode.YIELD
-            return idle._replace(selection=replace(idle.selection, mode=mode))
+            return idle._replace(selection=replace(idle.selection, mode=_MODES[now.mode]))
         terms, F, misfit = (port.Eval(context) for port in (self._dynamics, self._force, self._misfit))
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)
