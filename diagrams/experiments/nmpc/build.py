@@ -15,6 +15,9 @@ from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
+from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -37,8 +40,8 @@ class NmpcCellParameters(PlantParameters):
     """The simulated robot, its servo and its controller. The plant's step is the cycle of joint sensor and servo."""
 
     controller: NmpcParameters = field(default_factory=NmpcParameters)
-    # Commands are steps, held over a control period: fed forward they would be impulses.
-    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, feedforward=0.0))
+    envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
+    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0))
     # How a camera sees the obstacles, if they are not told.
     watch: ObstacleWatch = field(default_factory=ObstacleWatch)
 
@@ -77,7 +80,7 @@ def build_nmpc(
     seen: bool = False,
     truth: Truth | None = None,
 ) -> NmpcCell:
-    """Build the diagram: sensor → controller → servo → torques of the plant. The robot starts at home.
+    """Build the diagram: sensor → controller → envelope → servo → torques of the plant. The robot starts at home.
 
     Parameters
     ----------
@@ -95,7 +98,9 @@ def build_nmpc(
     controller = builder.AddNamedSystem(
         "controller", TimedController(robot, job.end_effector, job.points, params.controller)
     )
+    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
+    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, params.servo.period))
     period, horizon = params.controller.period, params.controller.horizon
     reference = builder.AddNamedSystem(
         "reference", Reference({"reference": lambda time: job.horizon_reference(time, period, horizon)})
@@ -118,15 +123,20 @@ def build_nmpc(
         known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position, truth)
     builder.Connect(known, controller.GetInputPort("obstacles"))
     command = controller.GetOutputPort("velocity_commanded")
-    torque = servo.GetOutputPort("torque_commanded")
+    torque = limit.GetOutputPort("torque_applied")
     if params.controller.nonholonomic:
         _add_wheels(builder, params, cell, cell.torque_driving or torque, truth)
-    builder.Connect(command, servo.GetInputPort("velocity_commanded"))
+    builder.Connect(position, envelope.GetInputPort("position_measured"))
+    builder.Connect(command, envelope.GetInputPort("velocity_commanded"))
+    builder.Connect(envelope.GetOutputPort("velocity_applied"), servo.GetInputPort("velocity_commanded"))
+    builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(torque, cell.torque_input)
     fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
-    fast.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm, N")
+    fast.add("velocity_applied", envelope.GetOutputPort("velocity_applied"), "rad/s, m/s")
+    fast.add("envelope", envelope.GetOutputPort("status"), "1")
+    fast.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm, N")
     for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m")):
         slow.add(name, controller.GetOutputPort(name), unit)
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")

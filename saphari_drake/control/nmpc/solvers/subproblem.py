@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 _LEAST_PIVOT, _FIRST_SHIFT, _SHIFT_FACTOR, _MOST_SHIFT = 0.01, 0.02, 4.0, 1e12
 
 
+# Limits of a joint at a stage, upper and lower, of its velocity, its position and its change of velocity.
+LIMITS = 6
+
+
 class QpStatus(IntEnum):
     """What a solver found."""
 
@@ -54,6 +58,8 @@ class Subproblem(NamedTuple):
     high: Array
     v_low: Array  # (N, n), bounds of δ_k − δ_{k−1}
     v_high: Array
+    a_low: Array  # (N, n), bounds of δ_k − 2δ_{k−1} + δ_{k−2}
+    a_high: Array
     rows: Rows  # distances: z + a·δ_{k−1} + b·δ_k + s ≥ 0
     slip: Rows  # equalities z + a·δ_{k−1} + b·δ_k = 0
     price: float  # ρ
