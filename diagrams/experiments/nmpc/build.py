@@ -14,7 +14,7 @@ from saphari_drake.control.joint_servo import JointServoParameters, JointVelocit
 from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
-from saphari_drake.parameters import require_choice
+from saphari_drake.parameters import diagonal, require_choice
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.safety.torque_limit import TorqueLimit
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
@@ -42,7 +42,7 @@ class NmpcCellParameters(PlantParameters):
     controller: NmpcParameters = field(default_factory=NmpcParameters)
     envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     # What stands behind every command: "things" stops before what the obstacles are predicted to do, "people" before
-    # all that people could do; "off": nothing.
+    # all that people could do; "off", or a robot without shapes: nothing.
     verified_stop: str = "things"
     stop: VerifiedStopParameters = field(default_factory=VerifiedStopParameters)
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0))
@@ -97,10 +97,9 @@ def build_nmpc(
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
-    controller = builder.AddNamedSystem(
-        "controller", TimedController(robot, job.end_effector, job.points, params.controller)
-    )
     envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
+    within = acceleration_within(params.controller, envelope.bounds.acceleration)
+    controller = builder.AddNamedSystem("controller", TimedController(robot, job.end_effector, job.points, within))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
     limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, params.servo.period))
     period, horizon = params.controller.period, params.controller.horizon
@@ -130,11 +129,10 @@ def build_nmpc(
         _add_wheels(builder, params, cell, torque)
     builder.Connect(position, envelope.GetInputPort("position_measured"))
     builder.Connect(command, envelope.GetInputPort("velocity_commanded"))
-    applied = envelope.GetOutputPort("velocity_applied")
-    if params.verified_stop != "off":
-        stop = builder.AddNamedSystem(
-            "verified_stop", VerifiedStop(robot, replace(params.stop, motion=params.envelope))
-        )
+    applied, guarded = envelope.GetOutputPort("velocity_applied"), params.verified_stop != "off" and params.geometry
+    if guarded:
+        braking = replace(params.stop, motion=params.envelope)
+        stop = builder.AddNamedSystem("verified_stop", VerifiedStop(robot, braking))
         builder.Connect(applied, stop.GetInputPort("velocity_commanded"))
         builder.Connect(position, stop.GetInputPort("position_measured"))
         builder.Connect(known, stop.GetInputPort(params.verified_stop))
@@ -146,7 +144,7 @@ def build_nmpc(
     fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
     fast.add("velocity_applied", applied, "rad/s, m/s")
-    if params.verified_stop != "off":
+    if guarded:
         fast.add("stop_status", stop.GetOutputPort("status"), "1")
         fast.add("stop_margin", stop.GetOutputPort("margin"), "m")
     fast.add("envelope", envelope.GetOutputPort("status"), "1")
@@ -158,6 +156,12 @@ def build_nmpc(
     slow.add("obstacles_known", known, "m", _padded, size=4 * KNOWN)
     show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
+
+
+def acceleration_within(controller: NmpcParameters, acceleration: Array) -> NmpcParameters:
+    """Return the parameters with accelerations that an envelope lets through: nine tenths of its own at most."""
+    wanted = diagonal(controller.acceleration_max, len(acceleration), "acceleration_max")
+    return replace(controller, acceleration_max=np.minimum(wanted, 0.9 * acceleration).tolist())
 
 
 KNOWN = 48  # obstacle points that are logged, at most
