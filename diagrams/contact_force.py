@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.control.contact.gate import ForceStatus
 from saphari_drake.control.contact.parameters import ContactForceControlParameters
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -133,7 +134,17 @@ def replay(setup: ContactSetup, log: Log, path: Path) -> None:
     replay_contact(setup.parts.cell, log, path, title, camera=camera)
 
 
-EXPERIMENT = Experiment("contact_force", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "contact_force",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: (*ARM, "camera", "person"),
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

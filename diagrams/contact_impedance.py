@@ -15,6 +15,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.messages import InteractionMode
 from saphari_drake.parameters import require_positive
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.people.recorded_push import RecordedPushParameters, recorded_push
 from saphari_drake.simulation.record.log import Log
@@ -45,6 +46,7 @@ class ContactImpedanceScenario(ContactScenario):
     touches: RandomTouchParameters = field(default_factory=RandomTouchParameters)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_positive(self, "trials")
 
 
@@ -133,7 +135,17 @@ def replay(setup: ContactSetup, log: Log, path: Path) -> None:
     replay_contact(setup.parts.cell, log, path, title)
 
 
-EXPERIMENT = Experiment("contact_impedance", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "contact_impedance",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: (*ARM, "camera", "person"),
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

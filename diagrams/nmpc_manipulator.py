@@ -10,7 +10,9 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -23,16 +25,12 @@ CASES = {
 
 
 @dataclass
-class ManipulatorScenario:
+class ManipulatorScenario(PlantScenario):
     """Everything a run depends on."""
 
     case: str = "both"
-    # Seed; nothing here is random.
-    seed: int = 0
     # s; simulated time.
     duration: float = 10.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     job: ManipulatorParameters = field(default_factory=ManipulatorParameters)
 
 
@@ -45,7 +43,8 @@ def scenario_for(case: str) -> ManipulatorScenario:
 
 def _cell(scenario: ManipulatorScenario, options: RunOptions | None = None) -> NmpcCell:
     job = manipulator_job(catalog.load(scenario.robot), scenario.job)
-    return build_nmpc(job, scenario.job.cell, None if options is None else options.meshcat)
+    truth = scenario.truth(scenario.job.cell.time_step)
+    return build_nmpc(job, scenario.job.cell, None if options is None else options.meshcat, truth=truth)
 
 
 def build_diagram(scenario: ManipulatorScenario) -> Diagram:
@@ -67,8 +66,17 @@ def run(scenario: ManipulatorScenario, options: RunOptions) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    "nmpc_manipulator", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, seedless=frozenset(CASES)
+    "nmpc_manipulator",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    seedless=frozenset(CASES),
+    parts=lambda case: ARM,
 )
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

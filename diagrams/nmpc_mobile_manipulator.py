@@ -1,7 +1,7 @@
 """A mobile manipulator that keeps its distance from things and people by predictive control (Section 3, Fig. 2, 3)."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from experiments.nmpc.build import NmpcCell, build_nmpc
 from experiments.nmpc.figures import mobile_figure, nmpc_replay
@@ -11,7 +11,10 @@ from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.faults.people import changed
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -23,18 +26,16 @@ CASES = {
     "human": "a person who reaches across the path; the controller is told where the person is",
     "human_seen": "the same person; the controller knows what a depth camera sees, and nothing else",
 }
+BEHIND = (-1.0, 0.0, 0.0)  # where a person comes from who was not in view
 
 
 @dataclass
-class MobileScenario:
+class MobileScenario(PlantScenario):
     """Everything a run depends on."""
 
     case: str = "3"
-    # Seed of the camera's noise, in the case human_seen.
-    seed: int = 0
     # s; simulated time: 300 control steps.
     duration: float = 30.0
-    # Catalog name, or path of a URDF or SDF.
     robot: str = "omnirob"
     job: MobileParameters = field(default_factory=MobileParameters)
 
@@ -49,9 +50,11 @@ def scenario_for(case: str) -> MobileScenario:
 def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCell:
     params = scenario.job
     params.cell.watch.sampler.noise.seed = scenario.seed
+    truth = scenario.truth(params.cell.time_step)
     job = mobile_job(catalog.load(scenario.robot), params, scenario.case)
+    job = replace(job, obstacles=changed(job.obstacles, truth, BEHIND))
     meshcat = None if options is None else options.meshcat
-    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen")
+    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen", truth=truth)
 
 
 def build_diagram(scenario: MobileScenario) -> Diagram:
@@ -74,6 +77,11 @@ def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
     )
 
 
+def parts_of(case: str) -> tuple[str, ...]:
+    """Return what of a case a fault can act on."""
+    return (*ARM, *{"human": ("person", "view"), "human_seen": ("person", "view", "camera")}.get(case, ()))
+
+
 EXPERIMENT = Experiment(
     "nmpc_mobile_manipulator",
     __doc__,
@@ -82,7 +90,9 @@ EXPERIMENT = Experiment(
     run,
     build_diagram,
     seedless=frozenset(CASES) - {"human_seen"},
+    parts=parts_of,
 )
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

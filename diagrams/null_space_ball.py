@@ -13,6 +13,7 @@ from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, buil
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -83,7 +84,10 @@ def steady_error(result: Run, rows: np.ndarray) -> float:
     return float(np.linalg.norm((task.J_inv.T @ torque / controller.gains.K_x)[-3:]))
 
 
-EXPERIMENT = Experiment("null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

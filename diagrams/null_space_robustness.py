@@ -15,6 +15,7 @@ from experiments.null_space.figures import disturbed
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
 from pydrake.systems.framework import Diagram
 
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -110,7 +111,17 @@ def judged(name: str, result: Run) -> list[Metric]:
     return metrics
 
 
-EXPERIMENT = Experiment("null_space_robustness", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "null_space_robustness",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: ARM,
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

@@ -9,6 +9,7 @@ from experiments.null_space.motion import StraightMotionParameters
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, speed
 from pydrake.systems.framework import Diagram
 
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -71,7 +72,10 @@ def rms(run: Run) -> float:
     return float(np.sqrt(np.mean(run.error() ** 2)))
 
 
-EXPERIMENT = Experiment("null_space_wall", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "null_space_wall", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

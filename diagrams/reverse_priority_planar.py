@@ -4,9 +4,17 @@ import sys
 from dataclasses import dataclass, field
 
 from experiments.priority.figures import planar_figure, planar_replay, three_level_figure, three_level_replay
-from experiments.priority.planar import PlanarParameters, add_derived, build_planar, drake_baseline, judge_planar
-from experiments.priority.three_level import ThreeLevelParameters, three_level_job
+from experiments.priority.planar import (
+    PlanarCell,
+    PlanarParameters,
+    add_derived,
+    build_planar,
+    drake_baseline,
+    judge_planar,
+)
+from experiments.priority.three_level import ThreeLevelParameters, three_level_job, with_faults
 from experiments.priority.three_level_build import (
+    ThreeLevelCell,
     add_three_level_signals,
     build_three_level,
     drake_three_level,
@@ -15,7 +23,9 @@ from experiments.priority.three_level_build import (
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 
@@ -28,15 +38,12 @@ CASES = {
 
 
 @dataclass
-class ReversePriorityScenario:
-    """Everything a run depends on."""
+class ReversePriorityScenario(PlantScenario):
+    """Everything a run depends on; the seed is also of the person's motion in the case three_level."""
 
     case: str = "constrained"
-    # Seed of the person's motion in the case three_level; nothing else is random.
-    seed: int = 0
     # s; simulated time. The planar path ends with its rest at the second goal.
     duration: float = 26.1
-    # Catalog name, or path of a URDF or SDF.
     robot: str = "planar_6r"
     # The planar cases.
     planar: PlanarParameters = field(default_factory=PlanarParameters)
@@ -54,8 +61,19 @@ def scenario_for(case: str) -> ReversePriorityScenario:
 def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
     """Return the diagram of a scenario."""
     if scenario.case == "three_level":
-        return build_three_level(three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)).diagram
-    return build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case).diagram
+        return _three_level(scenario).diagram
+    return _planar(scenario).diagram
+
+
+def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
+    truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
+    job = three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)
+    return build_three_level(with_faults(job, truth), meshcat, truth)
+
+
+def _planar(scenario: ReversePriorityScenario) -> PlanarCell:
+    truth = scenario.truth(scenario.planar.controller.period)
+    return build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case, truth)
 
 
 def run(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
@@ -65,8 +83,7 @@ def run(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
 
 def run_three_level(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
     """Run the LWR4 among a moving person."""
-    job = three_level_job(catalog.load(scenario.robot), scenario.arm, scenario.seed)
-    cell = build_three_level(job, options.meshcat)
+    cell = _three_level(scenario, options)
     simulation = Simulation(cell.diagram, scenario.case, options)
     simulation.to(scenario.duration)
     log = simulation.log(cell.recorder)
@@ -87,7 +104,7 @@ def run_three_level(scenario: ReversePriorityScenario, options: RunOptions) -> O
 
 def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
     """Run the planar arm of Fig. 4."""
-    cell = build_planar(catalog.load(scenario.robot), scenario.planar, scenario.case)
+    cell = _planar(scenario)
     simulation = Simulation(cell.diagram, scenario.case, options)
     simulation.to(scenario.duration)
     log = simulation.log(cell.recorder)
@@ -99,6 +116,11 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
     )
 
 
+def parts_of(case: str) -> tuple[str, ...]:
+    """Return what of a case a fault can act on; the planar arm has neither torques nor masses."""
+    return (*ARM, "person", "view") if case == "three_level" else ("encoders", "controller")
+
+
 EXPERIMENT = Experiment(
     "reverse_priority_planar",
     __doc__,
@@ -107,7 +129,9 @@ EXPERIMENT = Experiment(
     run,
     build_diagram,
     seedless=frozenset(CASES) - {"three_level"},
+    parts=parts_of,
 )
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

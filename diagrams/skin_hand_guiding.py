@@ -10,6 +10,7 @@ from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario, bu
 from experiments.guiding.touches import skin_metrics
 from pydrake.systems.framework import Diagram
 
+from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.guiding_hands import Pull
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
@@ -95,7 +96,17 @@ def _second_rank(result: GuidingRun) -> np.ndarray:
     return ranks[ranks > 0] if np.any(ranks > 0) else np.zeros(1)
 
 
-EXPERIMENT = Experiment("skin_hand_guiding", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment(
+    "skin_hand_guiding",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: (*ARM, "skin", "wrist"),
+)
+
 
 if __name__ == "__main__":
     sys.exit(main(EXPERIMENT))

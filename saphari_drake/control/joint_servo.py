@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class JointServoParameters:
-    """Gains of the servo; A."""
+    """Gains of the servo; assumed."""
 
     # 1/s, on the velocity error; above 0.5/period the sampling shows. One value for all joints: M is compensated.
     gain: float = 150.0

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class MomentumObserverParameters:
     """Bandwidth of the residual."""
 
-    # 1/s, one for all joints or one a joint; r reaches 63 % of a step in 1/gain. 50 in the deliverable's setting, A.
+    # 1/s, one for all joints or one a joint; r reaches 63 % of a step in 1/gain. 50 for the deliverable's, assumed.
     gain: list[float] | float = 50.0
     # s; how long after the period in which it is told the torque acts; negative if what is told is older.
     torque_delay: float = 0.0

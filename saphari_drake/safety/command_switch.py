@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 class CommandSwitchParameters:
     """Behaviour without the command of a controller, and how one law hands over to the next."""
 
-    # 1/s², stiffness over inertia of the held posture; one value or one a joint. A.
+    # 1/s², stiffness over inertia of the held posture; one value or one a joint. Assumed.
     hold_stiffness: list[float] | float = 225.0
-    # 1/s, damping over inertia of the held posture, and while braking. A.
+    # 1/s, damping over inertia of the held posture, and while braking. Assumed.
     hold_damping: list[float] | float = 30.0
     # 1/s² and 1/s, the same while yielding,
     yield_stiffness: list[float] | float = 25.0
@@ -35,10 +35,10 @@ class CommandSwitchParameters:
     rest_speed: float = 0.02
     rest_time: float = 0.3
     # s, time constant with which the torque of the law that was left fades; the second holds while braking, and while
-    # holding because of a fault. A.
+    # holding because of a fault. Assumed.
     transition_time: float = 0.1
     brake_time: float = 0.01
-    # s; how long state and command must be good again before a fault ends. A.
+    # s; how long state and command must be good again before a fault ends. Assumed.
     recovery_time: float = 0.1
     # s; the control cycle.
     period: float = 0.005

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 class ContactDetectorParameters:
     """Threshold, hysteresis and noise of the detector."""
 
-    # Nm, one for all joints or one a joint; |r_i| above it is a contact. 1 to 2 in the literature; A.
+    # Nm, one for all joints or one a joint; |r_i| above it is a contact. 1 to 2 in the literature; assumed.
     threshold: list[float] | float = 1.0
     # Nm, standard deviation of the residual without contact, one for all or one a joint; `residual_noise` measures it.
     noise: list[float] | float = 0.0

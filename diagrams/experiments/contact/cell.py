@@ -18,6 +18,7 @@ from saphari_drake.pipelines.contact import (
     add_contact_pipeline,
 )
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.cameras import inject_into_camera
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
@@ -27,6 +28,7 @@ from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.hand import HandParameters
 from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.pushing_hand import PushingHand
 
 Array = NDArray[np.float64]
@@ -82,26 +84,28 @@ def add_contact_cell(
     pushes: Sequence[Push],
     params: ContactCellParameters | None = None,
     force_profile: Callable[[float], Array | None] | None = None,
+    truth: Truth | None = None,
 ) -> ContactCell:
     """Add the whole cell; the robot starts at its home posture, the hand before its first target."""
-    params = params or ContactCellParameters()
+    params, truth = params or ContactCellParameters(), truth or Truth()
     # The force control has no stiffness; recordings are not played to it.
     stiffness = float(np.mean(getattr(params.pipeline.controller, "K_p", np.inf)))
     hand = PushingHand(pushes, params.cell.hand, force_profile, stiffness)
-    cell = add_cell(builder, robot, [hand, Floor()], params.cell)
+    cell = add_cell(builder, robot, [hand, Floor()], params.cell, truth)
     camera = add_depth_camera(builder, cell.scene_graph, params.camera)
-    sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, params.sampler))
+    sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, truth.sampler(params.sampler)))
     builder.Connect(camera.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
     background = learn_background(robot, params)
     params.__post_init__()
-    joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, params.joint_sensor))
+    joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     builder.Connect(cell.robot_state, joints.GetInputPort("state"))
     ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")
     position, velocity, image, time = (
         system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names
     )
-    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.pipeline.envelope)
+    state = own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope)
     measured = ContactMeasurements(position, velocity, image, time, state)
     pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)
+    inject_into_camera(builder, cell.scene_graph, params.camera, sampler, params.sampler, truth)
     return ContactCell(cell, camera, params.camera, sampler, pipeline)

@@ -16,12 +16,15 @@ from experiments.contact.cycle_time import time_cycles
 from saphari_drake.messages import InteractionMode
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.faults.injection import inject_into
+from saphari_drake.simulation.faults.people import FASTER
+from saphari_drake.simulation.people.pushing_hand import HumanHand, Push
 from saphari_drake.simulation.people.recorded_push import RecordedPush
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, Marker, show, write_replay
@@ -33,16 +36,10 @@ ARROW_SCALE = 0.008  # m/N
 
 
 @dataclass
-class ContactScenario:
-    """Everything that a run of the contact cell depends on."""
+class ContactScenario(PlantScenario):
+    """Everything that a run of the contact cell depends on; the seed is also of where the person aims."""
 
-    case: str
-    # Seed of the camera's noise and of where the person aims.
-    seed: int = 0
-    # s
     duration: float = 18.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -30.0, 0.0, 60.0, 0.0, -90.0, 0.0])
     # m; the person misses the aimed point by up to this in each direction.
@@ -81,13 +78,17 @@ def build_contact(
 ) -> ContactSetup:
     """Build the diagram of a `ContactScenario`; `record` adds to its recorder what this controller has."""
     robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    if "person_faster" in scenario.faults:
+        pushes = [replace(push, speed=FASTER * (push.speed or HumanHand.SPEED)) for push in pushes]
     scenario.system.sampler.noise.seed = scenario.seed
     builder = DiagramBuilder()
     profile = recorded.profile if recorded else None
-    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile)
+    truth = scenario.truth(scenario.system.period)
+    parts = add_contact_cell(builder, robot, pushes, scenario.system, profile, truth)
     recorder = record_contact(builder, parts, scenario.system.pipeline.period)
     record(recorder, parts)
     fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
+    inject_into(builder, parts.cell, truth)
     show(builder, parts.cell.scene_graph, meshcat)
     return ContactSetup(scenario, robot, pushes, builder.Build(), parts, recorder, fast, scenario.duration, recorded)
 

@@ -26,6 +26,7 @@ from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.plant import PlantParameters
 from saphari_drake.simulation.world.position_servo import JointPositionServo, PositionServoParameters
+from saphari_drake.simulation.world.profile import Truth
 
 INTERFACES = ("torque", "position")
 
@@ -37,7 +38,7 @@ class GuidingCellParameters(PlantParameters):
     # What the arm takes: torque, or position, to which its own stiff servo then holds.
     interface: str = "torque"
     servo: PositionServoParameters = field(default_factory=PositionServoParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(position_resolution=1e-6))
     skin_layout: SkinLayoutParameters = field(default_factory=SkinLayoutParameters)
     skin_sensor: SkinSensorParameters = field(default_factory=SkinSensorParameters)
@@ -68,18 +69,23 @@ def skin_calibration(layout: SkinLayout, params: GuidingCellParameters) -> SkinC
 
 
 def add_guiding_cell(
-    builder: DiagramBuilder, robot: RobotModel, grips: Sequence[Grip], params: GuidingCellParameters, layout: SkinLayout
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    grips: Sequence[Grip],
+    params: GuidingCellParameters,
+    layout: SkinLayout,
+    truth: Truth | None = None,
 ) -> GuidingCell:
     """Add the whole cell: plant, hands, sensors and the pipeline, which knows nothing but the sensors."""
-    params = replace(params)  # sensors and servo take the period
+    params, truth = replace(params), truth or Truth()  # sensors and servo take the period
 
     def add(name: str, system: LeafSystem):
         return builder.AddNamedSystem(name, system)
 
-    cell = add_cell(builder, robot, [Floor()], params)
+    cell = add_cell(builder, robot, [Floor()], params, truth)
     plant, instance, state = cell.plant, cell.instance, cell.robot_state
     hands = add("hands", GuidingHands(robot, plant, instance, grips, params.time_step))
-    joints = add("joint_sensor", JointSensor(robot, params.joint_sensor))
+    joints = add("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     skin = add("skin_sensor", SkinSensor(layout, robot, plant, instance, params.skin_sensor))
     wrist = add("force_sensor", ForceTorqueSensor(plant, instance, params.force_sensor))
     forces = hands.GetOutputPort("applied_forces")
@@ -94,7 +100,7 @@ def add_guiding_cell(
         wrist.GetOutputPort("wrench_sensor"),
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
-        own_joint_state(builder, robot, cell, params.joint_sensor, params.pipeline.envelope),
+        own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope),
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)

@@ -17,11 +17,13 @@ from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.people.force_recording import ForceRecording, RecordingParameters
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Profile
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import show
 
@@ -30,7 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class GuidingRecordingParameters(RecordingParameters):
-    """How a recorded force is played to the end effector. All A."""
+    """How a recorded force is played to the end effector. All assumed."""
 
     peak: float = 8.0
     # Whether its mean is taken out, so that the arm comes back to about where it started.
@@ -60,16 +62,11 @@ class GuidingRecordingParameters(RecordingParameters):
 
 
 @dataclass
-class GuidingScenario:
-    """Everything a run depends on."""
+class GuidingScenario(PlantScenario):
+    """Everything a run depends on; the seed is also of the sensors, and of where and how hard the hands press."""
 
     case: str = "end_effector_first"
-    # Seed of the sensors' noise and bias, and of where and how hard the hands press.
-    seed: int = 0
-    # s.
     duration: float = 5.4
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # deg; posture at the start. Empty: the model's own home posture, as it is with --model.
     home: list[float] = field(default_factory=lambda: [90.0, -35.0, 0.0, 68.0, 0.0, -30.0, 0.0])
     # m; the hand misses the middle of the skin by up to this in each direction along the surface.
@@ -85,6 +82,7 @@ class GuidingScenario:
     system: GuidingCellParameters = field(default_factory=GuidingCellParameters)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_non_negative(self, "aim_spread", "second_scale")
         require_non_negative(self, "force_spread")
         if self.force_spread >= 1.0:
@@ -127,11 +125,13 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     layout = SkinLayout(robot, system.skin_layout)
     grips = _grips(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
-    cell = add_guiding_cell(builder, robot, grips, system, layout)
+    truth = scenario.truth(system.pipeline.period)
+    cell = add_guiding_cell(builder, robot, grips, system, layout, truth)
     recorder, fast = (
         record(builder, cell, system.pipeline.period),
         record_limits(builder, cell.cell, cell.torque_excess),
     )
+    inject_into(builder, cell.cell, truth)
     show(builder, cell.cell.scene_graph, meshcat)
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 

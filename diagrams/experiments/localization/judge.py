@@ -11,12 +11,15 @@ from experiments.localization.parameters import KINDS
 from experiments.localization.published import published_localization
 from experiments.localization.pushes import torque_noise, wandering_forces
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
-from experiments.localization.scenes import ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, DrawnTouch
 from saphari_drake.perception.camera.frames import instant
 from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.places import PlaceFinder
 from saphari_drake.perception.contact.values import Fusion
 from saphari_drake.robots.dynamics import DynamicsTerms
+from saphari_drake.simulation.sensors.joint_sensor import JointSensorParameters, quantize
+from saphari_drake.simulation.world.profile import PlantProfile
+from saphari_drake.simulation.world.true_model import resting_residual
 
 Array = NDArray[np.float64]
 
@@ -60,7 +63,7 @@ def judged_scene(
     scenario: ContactLocalizationScenario,
     scenes: ContactScenes,
     localizer: Localizer,
-    touches: list[Touch],
+    touches: list[DrawnTouch],
     images: list[NDArray[np.float32]],
     rng: np.random.Generator,
 ) -> tuple[list[Row], Shown]:
@@ -69,6 +72,10 @@ def judged_scene(
     moving = rng.random() < scenario.moving
     noise = torque_noise(rng, scenes.robot.n, scenario.frames, scenes.params)
     pushes = [wandering_forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
+    truth = scenario.truth(period=1.0)
+    if truth.profile != PlantProfile():
+        noise = noise + resting_residual(scenes.robot, truth, first.q, rng)
+    encoders = truth.joint_sensor(JointSensorParameters(position_resolution=0.0)).position_resolution
     memory, early = law.empty(), [NEVER] * len(touches)
     for k in range(scenario.frames):
         q = first.q + moving * first.v * k / scenario.cameras[0].rate
@@ -77,7 +84,7 @@ def judged_scene(
         forces = np.array([terms.R_WL[touch.link] @ push[k] for touch, push in zip(touches, pushes)])
         r = noise[k] + sum(terms.point(touch.link, touch.p_L).Jv_WC.T @ force for touch, force in zip(touches, forces))
         depth = [scenes.noisy(image, i, rng) for i, image in enumerate(exact)]
-        at = instant(scenes.robot, 0.0, q, r)
+        at = instant(scenes.robot, 0.0, quantize(q, encoders), r)
         views = [finder.look(z, at.R_WL, at.p_WL, 2) for finder, z in zip(localizer.finders, depth)]
         evidence = law.evidence(at, views)
         memory = law.remember(memory, evidence)

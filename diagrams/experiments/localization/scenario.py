@@ -13,6 +13,7 @@ from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.law import FusionParameters
 from saphari_drake.perception.contact.parameters import LocalizerParameters
 from saphari_drake.robots import catalog
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 
 CASES = {
     "one_camera": "one camera that sees the contact",
@@ -25,16 +26,10 @@ NEVER = 1.0  # m; error of a contact that was not found
 
 
 @dataclass
-class ContactLocalizationScenario:
-    """Everything a run depends on."""
+class ContactLocalizationScenario(PlantScenario):
+    """Everything a run depends on; scenes have no time, so that `duration` is not used."""
 
     case: str = "one_camera"
-    # Seed of everything random.
-    seed: int = 0
-    # s; not used: scenes have no time.
-    duration: float = 1.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # Number of scenes (≥ 1), and frames of each (≥ 1); the last one is judged.
     count: int = 204
     frames: int = 8
@@ -49,6 +44,7 @@ class ContactLocalizationScenario:
     fusion: FusionParameters = field(default_factory=FusionParameters)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_positive(self, "count", "frames")
         require_non_negative(self, "moving", "extrinsic_shift", "extrinsic_turn")
         if self.moving > 1.0:

@@ -21,6 +21,7 @@ from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopePa
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters
 from saphari_drake.safety.verified_stop.system import VerifiedStop
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
@@ -28,8 +29,10 @@ from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.person_body import add_person_body
-from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.plant import PlantParameters, joint_friction
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
+from saphari_drake.simulation.world.true_model import true_robot
 from saphari_drake.simulation.world.wheels import Wheels
 
 Array = NDArray[np.float64]
@@ -82,7 +85,11 @@ class NmpcCell:
 
 
 def build_nmpc(
-    job: NmpcJob, params: NmpcCellParameters, meshcat: Meshcat | None = None, seen: bool = False
+    job: NmpcJob,
+    params: NmpcCellParameters,
+    meshcat: Meshcat | None = None,
+    seen: bool = False,
+    truth: Truth | None = None,
 ) -> NmpcCell:
     """Build the diagram: sensor → controller → envelope → verified stop → servo → torques. The robot starts at home.
 
@@ -90,12 +97,14 @@ def build_nmpc(
     ----------
     seen : bool
         Whether the controller gets its obstacles from a depth camera, instead of being told where they are.
+    truth : Truth, optional
+        How the plant differs from the robot.
     """
-    robot, step = job.robot, params.time_step
+    robot, step, truth = job.robot, params.time_step, truth or Truth()
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot, [Floor(FLOOR)], params)
+    cell = add_cell(builder, robot, [Floor(FLOOR)], params, truth)
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
-    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
+    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
     within = acceleration_within(params.controller, envelope.bounds.acceleration)
@@ -121,12 +130,12 @@ def build_nmpc(
         nothing = builder.AddNamedSystem("no_obstacles", Reference({"obstacles": lambda t: ObstaclePoints(stamp=t)}))
         known = nothing.get_output_port()
     elif seen:
-        known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position)
+        known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position, truth)
     builder.Connect(known, controller.GetInputPort("obstacles"))
     command = controller.GetOutputPort("velocity_commanded")
     torque = limit.GetOutputPort("torque_applied")
     if params.controller.nonholonomic:
-        _add_wheels(builder, params, cell, torque)
+        _add_wheels(builder, params, cell, cell.torque_driving or torque, truth)
     builder.Connect(position, envelope.GetInputPort("position_measured"))
     builder.Connect(command, envelope.GetInputPort("velocity_commanded"))
     applied, guarded = envelope.GetOutputPort("velocity_applied"), params.verified_stop != "off" and params.geometry
@@ -154,6 +163,7 @@ def build_nmpc(
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])
     slow.add("obstacles_known", known, "m", _padded, size=4 * KNOWN)
+    inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
 
@@ -175,9 +185,13 @@ def _padded(obstacles: ObstaclePoints) -> Array:
     return rows.ravel()
 
 
-def _add_wheels(builder: DiagramBuilder, params: NmpcCellParameters, cell: Cell, torque: OutputPort) -> None:
+def _add_wheels(
+    builder: DiagramBuilder, params: NmpcCellParameters, cell: Cell, torque: OutputPort, truth: Truth
+) -> None:
     """Give the plant wheels that cannot slip sideways."""
-    wheels = builder.AddNamedSystem("wheels", Wheels(cell.robot, params.controller.nonholonomic, params.time_step))
+    robot, friction = true_robot(cell.robot, truth, params.payload), joint_friction(cell.robot, params, truth)
+    base, step = params.controller.nonholonomic, params.time_step
+    wheels = builder.AddNamedSystem("wheels", Wheels(robot, base, step, *friction))
     builder.Connect(cell.robot_state, wheels.GetInputPort("state"))
     builder.Connect(torque, wheels.GetInputPort("torque"))
     builder.Connect(wheels.get_output_port(), cell.plant.get_applied_generalized_force_input_port())

@@ -31,7 +31,7 @@ class MobilePathParameters:
     end: float = 6.0
     # m; height of the path. The published problem.
     height: float = 1.2
-    # m; how far the path of the case nonholonomic moves sideways, and between which y it does. A.
+    # m; how far the path of the case nonholonomic moves sideways, and between which y it does. Assumed.
     shift: float = 0.4
     shift_from: float = 1.0
     shift_to: float = 4.0
@@ -74,7 +74,7 @@ class MobileParameters:
     cell: NmpcCellParameters = field(default_factory=lambda: problem_cell())
     # Of the cases human and human_seen.
     person: HumanMotionParameters = field(default_factory=person_beside_the_path)
-    # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. A.
+    # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. Assumed.
     reaction: float = 0.3
 
     def __post_init__(self) -> None:

@@ -13,10 +13,12 @@ from saphari_drake.perception.obstacles.tracker import ObstacleTracker
 from saphari_drake.perception.obstacles.tracks import ObstacleTrackerParameters
 from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.perception.segmentation.parameters import SegmentationParameters
+from saphari_drake.simulation.faults.cameras import inject_into_camera
 from saphari_drake.simulation.sensors.background_scan import scan_background
 from saphari_drake.simulation.sensors.depth_noise import DepthCameraSampler, SamplerParameters
 from saphari_drake.simulation.sensors.rgbd_camera import add_depth_camera
 from saphari_drake.simulation.world.floor import Floor
+from saphari_drake.simulation.world.profile import Truth
 
 FLOOR = 16.0  # m; edge of the floor
 
@@ -31,7 +33,7 @@ def _ceiling_camera() -> CameraParameters:
 class ObstacleWatch:
     """The camera, and what makes obstacle points of its images."""
 
-    # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
+    # Above and behind a person who stands beside the path of Fig. 2. A Kinect at half resolution and rate. Assumed.
     camera: CameraParameters = field(default_factory=_ceiling_camera)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
     vision: SegmentationParameters = field(default_factory=SegmentationParameters)
@@ -45,11 +47,16 @@ def empty_background(params: ObstacleWatch) -> NDArray[np.float32]:
 
 
 def add_obstacle_watch(
-    builder: DiagramBuilder, scene_graph: SceneGraph, job: NmpcJob, params: ObstacleWatch, position: OutputPort
+    builder: DiagramBuilder,
+    scene_graph: SceneGraph,
+    job: NmpcJob,
+    params: ObstacleWatch,
+    position: OutputPort,
+    truth: Truth,
 ) -> OutputPort:
     """Add camera, sampler and tracker to a diagram whose geometry is complete; return the obstacle points they see."""
     camera = add_depth_camera(builder, scene_graph, params.camera)
-    sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, params.sampler))
+    sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, truth.sampler(params.sampler)))
     background = empty_background(params)
     tracker = builder.AddNamedSystem(
         "obstacle_tracker", ObstacleTracker(job.robot, params.camera, params.tracker, params.vision, background)
@@ -58,4 +65,5 @@ def add_obstacle_watch(
     builder.Connect(sampler.GetOutputPort("depth_image"), tracker.GetInputPort("depth_image"))
     builder.Connect(sampler.GetOutputPort("image_time"), tracker.GetInputPort("image_time"))
     builder.Connect(position, tracker.GetInputPort("position_measured"))
+    inject_into_camera(builder, scene_graph, params.camera, sampler, params.sampler, truth)
     return tracker.GetOutputPort("obstacles")

@@ -17,6 +17,7 @@ from saphari_drake.simulation.world.cell import Body, Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.obstacles import Ball, BallParameters, Wall, WallParameters
 from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.profile import Truth
 
 
 @dataclass
@@ -45,7 +46,7 @@ class NullSpaceCellParameters(NullSpacePipelineParameters):
     """World, sensor and pipeline."""
 
     cell: ObstacleCellParameters = field(default_factory=ObstacleCellParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(
         default_factory=lambda: JointSensorParameters(position_resolution=1e-6, differentiate=True)
     )
@@ -64,15 +65,18 @@ class NullSpaceCell:
 
 
 def add_null_space_cell(
-    builder: DiagramBuilder, robot: RobotModel, params: NullSpaceCellParameters | None = None
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    params: NullSpaceCellParameters | None = None,
+    truth: Truth | None = None,
 ) -> NullSpaceCell:
     """Add the whole cell; the robot starts at its home posture."""
-    params = params or NullSpaceCellParameters()
-    cell = add_cell(builder, robot, params.cell.bodies, params.cell)
+    params, truth = params or NullSpaceCellParameters(), truth or Truth()
+    cell = add_cell(builder, robot, params.cell.bodies, params.cell, truth)
     params.__post_init__()  # the sensor takes the period
-    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, params.joint_sensor))
+    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.envelope)
+    state = own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.envelope)
     ports = sensor.get_output_port(0), sensor.get_output_port(1)
     pipeline = add_null_space_pipeline(builder, robot, *ports, params, state)
     builder.Connect(pipeline.torque_output, cell.torque_input)

@@ -18,10 +18,12 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
+from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, show, write_replay
@@ -38,16 +40,11 @@ RECORD_PERIOD = 0.01  # s
 
 
 @dataclass
-class NullSpaceScenario:
-    """Everything a run depends on."""
+class NullSpaceScenario(PlantScenario):
+    """Everything a run depends on; the seed is also of where the obstacle touches and from which direction."""
 
     case: str = "momentum"
-    # Seed of where the obstacle touches and from which direction.
-    seed: int = 0
-    # s.
     duration: float = 16.0
-    # Catalog name, or path of a URDF or SDF.
-    robot: str = "lwr4"
     # deg; posture at the start, and rest posture of the body. Empty: the model's own home, as it is with --model.
     home: list[float] = field(default_factory=lambda: [0.0, -30.0, 0.0, 90.0, 0.0, 60.0, 0.0])
     # m; the obstacle misses the aimed point by up to this along the link.
@@ -110,7 +107,8 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
     robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
     builder = DiagramBuilder()
-    parts = add_null_space_cell(builder, robot, aimed(scenario))
+    truth = scenario.truth(scenario.system.period)
+    parts = add_null_space_cell(builder, robot, aimed(scenario), truth)
     if scenario.moving:
         start = parts.pipeline.controller.kinematics(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
         motion = straight_motion(RigidTransform(RotationMatrix(start.R), start.p), scenario.motion)
@@ -119,6 +117,7 @@ def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
             builder.Connect(motion.GetOutputPort(name), parts.pipeline.controller.GetInputPort(name))
     recorder = _record(builder, parts)
     fast = record_limits(builder, parts.cell, parts.pipeline.envelope.GetOutputPort("torque_excess"))
+    inject_into(builder, parts.cell, truth)
     show(builder, parts.cell.scene_graph, meshcat)
     return Setup(scenario, robot, builder.Build(), parts, recorder, fast)
 

@@ -21,10 +21,12 @@ from saphari_drake.control.reverse_priority.tasks import Bound, Level, plane_dis
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.injection import inject
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
@@ -33,7 +35,7 @@ NO_TARGETS = np.zeros((0, 6))
 
 @dataclass
 class PlanarParameters:
-    """The job of Fig. 4. Points and bounds: the deliverable; the rest: A."""
+    """The job of Fig. 4. Points and bounds: the deliverable; the rest: assumed."""
 
     # m; points in the plane that the end effector goes to, one after the other.
     goals: list[list[float]] = field(default_factory=lambda: [[4.0, 3.0], [2.0, -3.0]])
@@ -86,7 +88,7 @@ def tip_position(robot: RobotModel, q: Array) -> Array:
     return robot.kinematics(q).position(link, X_LF.translation())
 
 
-def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> PlanarCell:
+def build_planar(robot: RobotModel, params: PlanarParameters, case: str, truth: Truth | None = None) -> PlanarCell:
     """Build the diagram: path, controller and an arm that follows exactly."""
     period = params.controller.period
     start = tip_position(robot, robot.home)
@@ -95,7 +97,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> Plan
     controller = builder.AddNamedSystem(
         "controller", ReversePriorityController(robot, planar_levels(robot, params, case), params.controller)
     )
-    arm = builder.AddNamedSystem("arm", KinematicArm(robot, period))
+    arm = builder.AddNamedSystem("arm", KinematicArm(robot, period, truth))
     source = builder.AddNamedSystem("path", Reference({"value": lambda t: position_reference(*path(t))}, period))
     builder.Connect(source.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(controller.GetOutputPort("velocity_commanded"), arm.GetInputPort("velocity_commanded"))
@@ -109,6 +111,7 @@ def build_planar(robot: RobotModel, params: PlanarParameters, case: str) -> Plan
     recorder.add("singular_value", controller.GetOutputPort("smallest_singular_value"), "m")
     recorder.add("task_scale", controller.GetOutputPort("task_scale"), "1")
     recorder.add("status", controller.GetOutputPort("status"), "1")
+    inject(builder, robot, truth or Truth(), encoders=arm.GetOutputPort("position_measured"))
     return PlanarCell(robot, params, path, controller, builder.Build(), recorder)
 
 

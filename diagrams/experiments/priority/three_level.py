@@ -1,5 +1,6 @@
 """Three levels on an arm: limits and moving obstacles on top, a path in the middle, a soft region of the elbow."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -21,13 +22,15 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
+from saphari_drake.simulation.faults.people import course
+from saphari_drake.simulation.world.profile import Truth
 
 Array = NDArray[np.float64]
 
 
 @dataclass
 class ThreeLevelParameters:
-    """Job and surroundings; A."""
+    """Job and surroundings; assumed."""
 
     # Frames whose origins keep clear of the person.
     guarded: list[str] = field(default_factory=lambda: ["link_4", "link_5", "link_6", "link_7"])
@@ -99,7 +102,7 @@ class ThreeLevelJob(NamedTuple):
     robot: RobotModel
     params: ThreeLevelParameters
     levels: list[Level]
-    person: Person
+    person: Callable[[ArrayLike], Array]
     p_home: Array
 
 
@@ -128,6 +131,22 @@ def three_level_job(robot: RobotModel, params: ThreeLevelParameters, seed: int) 
         if clearances(robot, params, robot.home, person(0.0)).min() > params.clearance + params.margin:
             return ThreeLevelJob(robot, params, levels, person, p_home)
     raise ParameterError("reach", "the person stands in the arm at the start, for every seed tried")
+
+
+def with_faults(job: ThreeLevelJob, truth: Truth) -> ThreeLevelJob:
+    """Return the job with a person who is faster than assumed, or comes in from outside, as `truth` has it."""
+    if not {"person_faster", "person_unseen"} & set(truth.faults):
+        return job
+
+    def at(time: ArrayLike) -> Array:
+        rows = []
+        for moment in np.ravel(time):
+            now = course(truth, float(moment), (0.0, 1.0, 0.0))
+            meant = job.person(now.time)
+            rows.append(np.concatenate([meant[:, :3] + now.offset, now.pace * meant[:, 3:] + now.velocity], axis=1))
+        return np.reshape(rows, (*np.shape(time), 2, 6))
+
+    return job._replace(person=at)
 
 
 def circle_reference(job: ThreeLevelJob, time: ArrayLike) -> Array:

@@ -16,6 +16,7 @@ from saphari_drake.control.reverse_priority.system import ReversePriorityControl
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
 from saphari_drake.safety.torque_limit import TorqueLimit
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
+from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -24,6 +25,7 @@ from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell
+from saphari_drake.simulation.world.profile import Truth
 from saphari_drake.simulation.world.references import Reference
 
 Array = NDArray[np.float64]
@@ -39,14 +41,14 @@ class ThreeLevelCell(NamedTuple):
     recorder: Recorder
 
 
-def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> ThreeLevelCell:
+def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth: Truth | None = None) -> ThreeLevelCell:
     """Build the diagram: sensor → dynamics and controller → envelope → servo → torques, all at the same cycle."""
-    robot, params = job.robot, job.params
+    robot, params, truth = job.robot, job.params, truth or Truth()
     period = params.controller.period
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot)
+    cell = add_cell(builder, robot, truth=truth)
     exact = JointSensorParameters(period=period, differentiate=False)
-    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, exact))
+    sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
     envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
@@ -79,6 +81,7 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None) -> Thr
         ("status", "1"),
     ):
         recorder.add(name, controller.GetOutputPort(name), unit)
+    inject_into(builder, cell, truth)
     recorder.add("torque", limit.GetOutputPort("torque_applied"), "Nm")
     recorder.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm")
     show(builder, cell.scene_graph, meshcat)

@@ -27,9 +27,9 @@ class ContactImpedanceParameters:
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 20.0
     # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
-    # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    # that force, which is what a contact point wrong by as much explains. 0: none, as published. Assumed.
     misfit_lever: float = 0.03
-    # kg, bound of the effective mass near singular directions of the contact. A.
+    # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
     # s; the control cycle.
     period: float = 0.005
@@ -54,26 +54,26 @@ class ContactForceControlParameters:
     # Ns/m, damping at the contact along the world's axes; one value or three.
     K_d: list[float] | float = 10.5
     # kg, desired inertia along the world's axes; empty: the natural one, eq. (57). Chosen equal in all directions, so
-    # that the contact moves along the force error; the deliverable does not give it. A.
+    # that the contact moves along the force error; the deliverable does not give it. Assumed.
     M_d: list[float] = field(default_factory=lambda: [10.0, 10.0, 10.0])
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 15.0
-    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. A.
+    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. Assumed.
     gate_on: float = 3.0
     gate_off: float = 1.5
-    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
+    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as published. Assumed.
     force_rate: float = 10.0
-    # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
+    # N; the aligned force exceeds the estimate by no more, lest the robot run after a hand that leaves. Assumed.
     max_deficit: float = 4.0
     # m/s; the force control never moves the contact point faster (a person still can). As in ISO 10218 for guidance.
     speed_limit: float = 0.25
     # A speed that reaches this share of the limit, now or within the next `stop_lead` seconds, stops the robot until it
-    # is released: measured velocity is late, and so is the answer to it. A.
+    # is released: measured velocity is late, and so is the answer to it. Assumed.
     stop_share: float = 0.9
     stop_lead: float = 0.02
-    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
+    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
     misfit_lever: float = 0.03
-    # kg, bound of the effective mass near singular directions of the contact. A.
+    # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
     # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
     hand_stiffness: float = 0.0

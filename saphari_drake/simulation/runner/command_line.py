@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from saphari_drake.errors import SaphariError
+from saphari_drake.simulation.faults.registry import listed
 
 
 def say(text: str) -> None:
@@ -47,7 +48,9 @@ def parser(program: str, summary: str, cases: Mapping[str, str], accepts_model: 
   {script} --scenario runs/{first}/scenario.yaml
 
 Every name in scenario.yaml can be set, nested ones with dots: --set controller.gain=20.
-Order: the case's own values, then --scenario, then --seed, --duration and --model, then --set.
+Order: the case's own values, then --scenario, then --seed, --duration, --plant and --model, then --set.
+Faults (--set faults=[NAME, ...], begin at --set fault_time=S, sizes in fault_sizes), where the case has the part:
+{listed()}
 Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timing figures (*_ms_*) never decide.""",
     )
     add = result.add_argument
@@ -59,6 +62,7 @@ Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timin
     add("--scenario", type=Path, metavar="FILE.yaml", help="parameters, all or some; a case named there is run")
     model_help = "URDF or SDF of another robot" if accepts_model else "not accepted by this experiment"
     add("--model", type=Path, metavar="FILE", help=model_help)
+    add("--plant", metavar="NAME", help="ideal (default), or realistic: friction, delay, noise and a model that is off")
     add("--out", type=Path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
     add("--meshcat", action="store_true", help="live view in a browser; prints its address")
     add("--graphviz", type=Path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")

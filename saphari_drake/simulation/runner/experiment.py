@@ -8,16 +8,18 @@ import math
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
+from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.runner.command_line import complain, parser, say
+from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -47,6 +49,8 @@ class Experiment:
         Whether another robot may be given.
     seedless : frozenset of str
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
+    parts : callable
+        Returns what of a case a fault can act on, out of `saphari_drake.simulation.faults.registry.PARTS`.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Experiment:
     build_diagram: Callable[[Any], Diagram] | None = None
     accepts_model: bool = False
     seedless: frozenset[str] = frozenset()
+    parts: Callable[[str], Collection[str]] = lambda case: ()
 
     def __post_init__(self) -> None:
         for case in self.seedless:
@@ -66,6 +71,12 @@ class Experiment:
     def described(self, case: str) -> str:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
+
+    def seed_matters(self, scenario: Any) -> bool:
+        """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
+        return scenario.case not in self.seedless or (
+            getattr(scenario, "plant", "ideal") != "ideal" or bool(getattr(scenario, "faults", []))
+        )
 
 
 def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
@@ -128,11 +139,17 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     tree = to_tree(scenario)
     outcome = experiment.run(scenario, options)
+    if getattr(scenario, "faults", []):
+        outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
+    if getattr(scenario, "plant", "ideal") != "ideal":
+        heading += f"\nplant: {scenario.plant}"
+    if getattr(scenario, "faults", []):
+        heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, scenario.case not in experiment.seedless)
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario))
     return outcome.passed
 
 
@@ -147,7 +164,9 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
     for case in cases:
         if case not in experiment.cases:
             raise UnknownNameError("case", case, experiment.cases)
-    given = {name: getattr(options, name) for name in ("seed", "duration") if getattr(options, name) is not None}
+    given = {
+        name: getattr(options, name) for name in ("seed", "duration", "plant") if getattr(options, name) is not None
+    }
     if options.model is not None:
         if not experiment.accepts_model:
             raise ParameterError("--model", "this experiment runs with its own robot only")
@@ -166,6 +185,7 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
             raise ParameterError("duration", f"must be positive and finite, got {scenario.duration}")
         if scenario.seed < 0:
             raise ParameterError("seed", f"must not be negative, got {scenario.seed}")
+        require_faults(getattr(scenario, "faults", []), experiment.parts(case))
         scenarios.append(checked(scenario))
     return scenarios
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
+from saphari_drake.simulation.faults.watch import answered
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 
@@ -25,9 +26,12 @@ class RunOptions:
     ----------
     meshcat : Meshcat, optional
         Live view to publish to.
+    answered : dict
+        For each run with faults, when they were answered (s); the runs fill it in.
     """
 
     meshcat: Meshcat | None = None
+    answered: dict[int, float] = field(default_factory=dict)
 
     @property
     def realtime_rate(self) -> float:
@@ -53,8 +57,9 @@ class Simulation:
 
     def __init__(self, diagram: Diagram, label: str = "", options: RunOptions | None = None) -> None:
         self._diagram, self._label, self.wall, self.cpu = diagram, label, 0.0, 0.0
-        self._simulator = Simulator(diagram)
-        self._simulator.set_target_realtime_rate((options or RunOptions()).realtime_rate)
+        self._simulator, self._options = Simulator(diagram), options or RunOptions()
+        self._number = len(self._options.answered)
+        self._simulator.set_target_realtime_rate(self._options.realtime_rate)
         self._simulator.Initialize()
 
     def to(self, end: float) -> Context:
@@ -62,6 +67,9 @@ class Simulation:
         cpu, context = time.process_time(), self._simulator.get_context()
         self.wall += advance(self._simulator, end - context.get_time(), self._label)
         self.cpu += time.process_time() - cpu
+        when = answered(self._diagram, context)
+        if when is not None:
+            self._options.answered[self._number] = when
         return context
 
     def log(self, recorder: Recorder) -> Log:

@@ -10,8 +10,11 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.world.actuators import Actuators
 from saphari_drake.simulation.world.plant import PlantParameters, add_plant, add_robot, cover, torque_input
+from saphari_drake.simulation.world.profile import PlantProfile, Truth
 
 Array = NDArray[np.float64]
 
@@ -39,7 +42,9 @@ class Cell:
     instance : ModelInstanceIndex
         The robot in the plant.
     torque_input : InputPort
-        n (Nm or N), in joint order.
+        n (Nm or N), in joint order; what the controllers apply.
+    torque_driving : OutputPort or None
+        n (Nm or N), what the joints get of it; None: all of it at once.
     link_of_body : mapping
         Link of each of the robot's bodies by its index; −1: the base.
     """
@@ -51,6 +56,7 @@ class Cell:
     scene_graph: SceneGraph
     instance: ModelInstanceIndex
     torque_input: InputPort
+    torque_driving: OutputPort | None
     link_of_body: dict[int, int]
 
     @property
@@ -78,11 +84,12 @@ def add_cell(
     robot: RobotModel,
     bodies: Sequence[Body] = (),
     plant: PlantParameters | None = None,
+    truth: Truth | None = None,
 ) -> Cell:
-    """Add a robot at its home posture, and bodies around it, to a diagram."""
-    params = plant or PlantParameters()
+    """Add a robot at its home posture, and bodies around it, to a diagram; `truth`: how it differs from its model."""
+    params, truth = plant or PlantParameters(), truth or Truth()
     world, scene_graph = add_plant(builder, params)
-    instance = add_robot(world, robot, params)
+    instance = add_robot(world, robot, params, truth)
     for body in bodies:
         body.add_to(world, robot)
     world.Finalize()
@@ -94,7 +101,15 @@ def add_cell(
         welded = world.GetBodiesWeldedTo(world.GetBodyByName(name, instance))
         links |= {int(part.index()): link for part in welded}
     torque = torque_input(builder, robot, world, instance)
-    cell = Cell(robot, bodies, params, world, scene_graph, instance, torque, links)
+    driving = None
+    if truth.profile != PlantProfile():
+        weight = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).g
+        drives = builder.AddNamedSystem("actuators", Actuators(robot, truth, params.time_step, weight))
+        builder.Connect(world.get_state_output_port(instance), drives.GetInputPort("state"))
+        driving = drives.get_output_port()
+        builder.Connect(driving, torque)
+        torque = drives.GetInputPort("torque_applied")
+    cell = Cell(robot, bodies, params, world, scene_graph, instance, torque, driving, links)
     for body in bodies:
         body.connect(builder, cell)
     return cell

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     CollisionFilterDeclaration,
@@ -19,7 +20,10 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.world.profile import Truth, joint_scale
+from saphari_drake.simulation.world.true_model import PAYLOAD_HEIGHT, PAYLOAD_RADIUS
 
+Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
 STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
 
@@ -64,29 +68,67 @@ def add_plant(builder: DiagramBuilder, params: PlantParameters) -> tuple[Multibo
     return plant, builder.AddNamedSystem("scene_graph", SceneGraph())
 
 
-def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters) -> ModelInstanceIndex:
+def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters, truth: Truth) -> ModelInstanceIndex:
     """Add a robot with its payload and joint friction to a plant that is not finalized."""
     instance = robot.add_to(plant)
-    if params.payload > 0.0:
-        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(params.payload, 0.04))
+    _change_inertia(plant, robot, instance, truth)
+    payload = params.payload + truth.profile.payload
+    if payload > 0.0:
+        body = plant.AddRigidBody("payload", instance, SpatialInertia.SolidSphereWithMass(payload, PAYLOAD_RADIUS))
         last = plant.GetBodyByName(robot.link_names[-1], instance)
-        plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, 0.05]))
-    if params.friction_share > 0.0:
-        _add_friction(plant, robot, instance, params)
+        plant.WeldFrames(last.body_frame(), body.body_frame(), RigidTransform([0.0, 0.0, PAYLOAD_HEIGHT]))
+    _add_friction(plant, robot, instance, *joint_friction(robot, params, truth))
     return instance
 
 
+def joint_friction(robot: RobotModel, params: PlantParameters, truth: Truth) -> tuple[Array, Array]:
+    """Return Coulomb (Nm or N) and viscous friction (Nms/rad or Ns/m) of the joints, (n,) each."""
+    share, scale = params.friction_share, joint_scale(robot)
+    coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale
+    if share == 0.0:
+        return coulomb, viscous
+    dry, damping = (diagonal(getattr(params, name), robot.n, name) for name in ("coulomb", "viscous"))
+    return coulomb + share * dry, viscous + share * damping
+
+
+def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, truth: Truth) -> None:
+    """Make motors and links other than the model says: a body of the difference, also negative, is welded to a link."""
+    if truth.profile.rotor_error > 0.0:
+        scale = dict(zip(robot.joint_names, truth.rotor_scale(robot)))
+        for index in plant.GetJointActuatorIndices():
+            actuator = plant.get_joint_actuator(index)
+            if actuator.model_instance() == instance:
+                inertia = scale[actuator.joint().name()] * actuator.default_rotor_inertia()
+                actuator.set_default_rotor_inertia(inertia)
+    if truth.profile.mass_error > 0.0:
+        links = [plant.GetBodyByName(name, instance) for name in robot.link_names]
+        moved = [(body, s) for link, s in zip(links, truth.mass_scale(robot)) for body in plant.GetBodiesWeldedTo(link)]
+        for body, scale in moved:
+            own = body.default_spatial_inertia()
+            if own.get_mass() > 0.0:
+                mass = (scale - 1.0) * own.get_mass()
+                more = SpatialInertia(mass, own.get_com(), own.get_unit_inertia(), skip_validity_check=True)
+                added = plant.AddRigidBody(f"{body.name()} error", instance, more)
+                plant.WeldFrames(body.body_frame(), added.body_frame(), RigidTransform())
+
+
 def _add_friction(
-    plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, params: PlantParameters
+    plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, coulomb: Array, viscous: Array
 ) -> None:
-    """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step."""
-    coulomb = params.friction_share * diagonal(params.coulomb, robot.n, "coulomb")
-    viscous = params.friction_share * diagonal(params.viscous, robot.n, "viscous")
+    """Coulomb friction is a stiff speed control to zero with little effort: implicit, so that it sticks at any step.
+
+    Of two actuators of a joint Drake takes the reflected inertia of the last one, which has to be that of the motor.
+    """
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    motors = {motor.joint().name(): motor for motor in actuators if motor.model_instance() == instance}
     for name, limit, damping in zip(robot.joint_names, coulomb, viscous):
         joint = plant.GetJointByName(name, instance)
-        joint.set_default_damping(damping)
+        if damping > 0.0:
+            joint.set_default_damping(damping)
         if limit > 0.0:
             brake = plant.AddJointActuator(f"friction {name}", joint, limit)
+            brake.set_default_rotor_inertia(motors[name].default_rotor_inertia())
+            brake.set_default_gear_ratio(motors[name].default_gear_ratio())
             brake.set_controller_gains(PdControllerGains(p=1e-6, d=STICK))
 
 

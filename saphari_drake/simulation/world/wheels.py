@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from saphari_drake.errors import ParameterError
@@ -79,13 +79,23 @@ class Wheels(LeafSystem):
         Joints x, y and θ of the platform.
     step : float
         Step of the plant (s).
+    coulomb, viscous : (n,) arrays, optional
+        Friction of the plant's joints (Nm or N, and Nms/rad or Ns/m).
     """
 
-    def __init__(self, robot: RobotModel, base: Sequence[str], step: float) -> None:
+    def __init__(
+        self,
+        robot: RobotModel,
+        base: Sequence[str],
+        step: float,
+        coulomb: ArrayLike = 0.0,
+        viscous: ArrayLike = 0.0,
+    ) -> None:
         super().__init__()
         if len(base) != 3:
             raise ParameterError("base", f"needs the joints x, y and theta, got {list(base)}")
         self._robot, self._step = robot, step
+        self._friction = np.broadcast_to(coulomb, robot.n), np.broadcast_to(viscous, robot.n)
         self._base = [robot.joint_index(name) for name in base]
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._torque = self.DeclareVectorInputPort("torque", BasicVector(robot.n))
@@ -98,5 +108,6 @@ class Wheels(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state, n = self._state.Eval(context), self._robot.n
-        torque = self._torque.Eval(context)
+        coulomb, viscous = self._friction
+        torque = self._torque.Eval(context) - coulomb * np.sign(state[n:]) - viscous * state[n:]
         output.SetFromVector(wheel_force(self._robot, state[:n], state[n:], torque, self._base, self._step))

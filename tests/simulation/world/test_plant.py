@@ -8,12 +8,13 @@ from pydrake.systems.framework import DiagramBuilder
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.world.cell import add_cell
 from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.profile import PlantProfile, Truth
 
 
-def moved(robot, params, more, seconds=0.1):
+def moved(robot, params, more, seconds=0.1, truth=None):
     """Give the joints what holds the robot's own weight, and more (Nm); return the joint velocities at the end."""
     builder = DiagramBuilder()
-    cell = add_cell(builder, robot, plant=params)
+    cell = add_cell(builder, robot, plant=params, truth=truth)
     builder.ExportInput(cell.torque_input, "torque")
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
@@ -49,3 +50,13 @@ def test_a_payload_weighs_where_it_is(lwr4):
     held = J.T @ [0.0, 0.0, 9.81 * mass]
     assert np.abs(moved(lwr4, params, held)).max() < 1e-6
     assert np.abs(moved(lwr4, params, 0.0 * held)).max() > 0.05
+
+
+def test_a_profile_s_friction_holds_and_slows(lwr4):
+    """0.29 Nm on the last joint moves nothing at 0.3 Nm Coulomb; beyond, viscous friction leaves (τ − c)/d."""
+    more = np.zeros(7)
+    more[6] = 0.29
+    truth = Truth(PlantProfile(coulomb=0.3, viscous=1.0))
+    assert np.abs(moved(lwr4, PlantParameters(), more, 0.1, truth)).max() < 1e-4
+    more[6] = 0.5
+    assert moved(lwr4, PlantParameters(), more, 0.3, truth)[6] == pytest.approx(0.2, rel=0.02)

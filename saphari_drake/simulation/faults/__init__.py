@@ -1,0 +1,1 @@
+"""Faults that a scenario names, brought in at the simulated side."""
