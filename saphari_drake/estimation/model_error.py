@@ -106,10 +106,10 @@ class ModelErrorEstimator(LeafSystem):
         - torque_external
         - model_torque
         - torque_uncertainty
+        - system_status
         - torque_noise
         - tool_mass
         - learning_status
-        - system_status
 
     Ports
     -----

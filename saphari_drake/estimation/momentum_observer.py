@@ -105,8 +105,8 @@ class MomentumObserver(LeafSystem):
         - torque_applied
         output_ports:
         - torque_external
-        - friction_uncertainty
         - system_status
+        - friction_uncertainty
 
     Ports
     -----
@@ -115,6 +115,8 @@ class MomentumObserver(LeafSystem):
     torque_external : n (Nm), r ≈ JᵀF = −τ_ext, what others do to the robot; zero until one period has passed, NaN while
         the state is not known.
     system_status : 1, a `SystemStatus`.
+    friction_uncertainty : n (Nm), by how much the identified friction may be wrong; all of it, where a joint has not
+        moved yet.
 
     The velocity may be late too: then σ is integrated with the torque up to the time of which the velocity tells. A
     delay that is not told appears as external torque wherever the torque changes: half a period of 5 ms with a gain of
@@ -145,10 +147,10 @@ class MomentumObserver(LeafSystem):
         start = _Estimate(np.zeros(robot.n), terms.p)
         tickets = {self._dynamics.ticket(), self.xd_ticket()}
         self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
-        unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
-        declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
         readouts = {"torque_external": (robot.n, lambda e: e.r), "system_status": (1, lambda e: [status_of(e.r)])}
         declare_readouts(self, self._estimate, readouts)
+        unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
+        declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
 
     def _evaluate(self, context: Context) -> _Estimate:
         terms: DynamicsTerms = self._dynamics.Eval(context)
