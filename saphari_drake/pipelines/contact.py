@@ -130,7 +130,7 @@ def add_contact_pipeline(
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
-        controller=add("controller", _controller(robot, params.controller)),
+        controller=add("controller", _controller(robot, params)),
         switch=switch,
         envelope=add_joint_envelope(
             builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period
@@ -172,8 +172,9 @@ def add_contact_pipeline(
 
 
 def _controller(
-    robot: RobotModel, params: ContactImpedanceParameters | ContactForceControlParameters
+    robot: RobotModel, params: ContactPipelineParameters
 ) -> ContactImpedanceController | ContactForceController:
-    if isinstance(params, ContactForceControlParameters):
-        return ContactForceController(robot, params)
-    return ContactImpedanceController(robot, params)
+    given = params.controller
+    if isinstance(given, ContactForceControlParameters):
+        return ContactForceController(robot, replace(given, torque_delay=params.envelope.torque_delay))
+    return ContactImpedanceController(robot, given)

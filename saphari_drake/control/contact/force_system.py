@@ -79,7 +79,8 @@ class ContactForceController(ContactController):
 
     Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
     contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more. In
-    its first cycle the torque is still that of the law before: the velocity alone counts.
+    its first cycle the torque is still that of the law before: the velocity alone counts. The same stop ends it when
+    the contact has gone `follow_limit` after a hand that leaves.
     """
 
     def __init__(self, robot: RobotModel, params: ContactForceControlParameters | None = None) -> None:
@@ -117,6 +118,7 @@ class ContactForceController(ContactController):
             goes_on = memory.controlled in (None, idle.selection.key)
             if goes_on and self._left.HasValue(context):
                 acceleration = acceleration + point.Jv_WC @ np.linalg.solve(terms.M, self._left.Eval(context))
+            gate = gate.following(point.v_WC, F_d, params)
             gate = gate.checked(point.v_WC, acceleration if goes_on else np.zeros(3), params)
             status = ForceStatus.PARTIAL if np.any(hidden) else ForceStatus.CONTROLLED
             output = idle._replace(terms=parts, error=F - F_d, F_d=F_d, status=status, gate=gate)

@@ -71,6 +71,11 @@ class ContactForceControlParameters:
     # is released: measured velocity is late, and so is the answer to it. Assumed.
     stop_share: float = 0.9
     stop_lead: float = 0.02
+    # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
+    # Assumed.
+    follow_limit: float = 0.05
+    # s; how much later than it is commanded a torque acts; the stop looks ahead farther by as much.
+    torque_delay: float = 0.0
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
     misfit_lever: float = 0.03
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
@@ -87,7 +92,8 @@ class ContactForceControlParameters:
         if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
         require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
-        require_non_negative(self, "force_rate", "hand_stiffness", "hand_damping")
+        require_positive(self, "follow_limit")
+        require_non_negative(self, "torque_delay", "force_rate", "hand_stiffness", "hand_damping")
         if not 0.0 < self.stop_share <= 1.0:
             raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
         if self.gate_off >= self.gate_on:

@@ -108,7 +108,7 @@ def test_return_is_the_same_law_as_contact(moving):
 def test_change_of_mode_makes_no_jump_and_fades(moving, before, after):
     """The torque goes on from where it was, and tends to that of the new law with its time; a stop is quick."""
     fade = 0.01 if after == STOP else 0.1
-    bench, alone = moving(before, transition_time=0.1, brake_time=0.01), moving(after)
+    bench, alone = moving(before, transition_time=0.1), moving(after)
     bench.run(3)
     old, new = bench.torque, alone.torque
     bench.set(interaction=bench.mode(after, onset=1))
