@@ -11,6 +11,7 @@ from .disturbance_observer import (
     DisturbanceObserverParameters as DisturbanceObserverParameters,
 )
 from .joint_acceleration import JointAcceleration as JointAcceleration
+from .joint_friction import JointFrictionParameters as JointFrictionParameters
 from .model_error import (
     LearningStatus as LearningStatus,
 )

@@ -1,6 +1,6 @@
 """Momentum observer: the external joint torque from position, velocity and commanded torque alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.estimation.joint_friction import JointFrictionParameters, joint_friction
 from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
@@ -28,6 +29,8 @@ class MomentumObserverParameters:
     torque_delay: float = 0.0
     # By how many periods the measured velocity is late: 0 for a sample, 0.5 for a difference of two positions.
     velocity_delay: float = 0.0
+    # Of the joints, as identified.
+    friction: JointFrictionParameters = field(default_factory=JointFrictionParameters)
     # s; the period with which the measured state is sampled.
     period: float = 0.005
 
@@ -102,6 +105,7 @@ class MomentumObserver(LeafSystem):
         - torque_applied
         output_ports:
         - torque_external
+        - friction_uncertainty
         - system_status
 
     Ports
@@ -117,6 +121,7 @@ class MomentumObserver(LeafSystem):
     100 1/s as a fifth of each change.
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
     no delay: r at a sample uses the momentum of that sample. A mistake of model or friction appears as external torque.
+    Identified friction acts beside the torque: `JointFriction`, from the measured way of the joints.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """
 
@@ -130,6 +135,8 @@ class MomentumObserver(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
         self._delay = params.delay
         self._kept = int(np.ceil(self._delay))
+        self._friction = joint_friction(params.friction, robot.n)
+        self._share = self.DeclareDiscreteState(robot.n)  # of Coulomb friction
         self._integral = self.DeclareDiscreteState(robot.n)
         self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first
         self._known = self.DeclareDiscreteState(1)  # how many
@@ -138,6 +145,8 @@ class MomentumObserver(LeafSystem):
         start = _Estimate(np.zeros(robot.n), terms.p)
         tickets = {self._dynamics.ticket(), self.xd_ticket()}
         self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
+        unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
+        declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
         readouts = {"torque_external": (robot.n, lambda e: e.r), "system_status": (1, lambda e: [status_of(e.r)])}
         declare_readouts(self, self._estimate, readouts)
 
@@ -148,16 +157,23 @@ class MomentumObserver(LeafSystem):
         integral = np.array(context.get_discrete_state(self._integral).value()) if started else terms.p
         return _Estimate(residual(terms.p, integral, self._gain), integral)
 
+    def _unsure(self, context: Context) -> Array:
+        return self._friction.uncertainty(context.get_discrete_state(self._share).value())
+
     def _update(self, context: Context, state: State) -> None:
         now: _Estimate = self._estimate.Eval(context)
         torque, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
         count = int(context.get_discrete_state(self._known).value()[0])
         past = context.get_discrete_state(self._past).value().reshape(self._kept, len(torque))
         torques = np.vstack([torque, past[:count]])
+        share = self._friction.after(context.get_discrete_state(self._share).value(), self._period * terms.v)
+        rubbing = self._friction.torque(share, terms.v)
         known = bool(np.isfinite(torque).all())
         if known:
-            integral = advance_integral(now.integral, now.r, delayed(torques, self._delay), terms, self._period)
+            acting = delayed(torques, self._delay) + rubbing
+            integral = advance_integral(now.integral, now.r, acting, terms, self._period)
             known = bool(np.isfinite(integral).all())
+        state.get_mutable_discrete_state(self._share).SetFromVector(share if known else np.zeros(len(torque)))
         kept = torques[: self._kept] if known else torques[:0]
         state.get_mutable_discrete_state(self._past).SetFromVector(_padded(kept, self._kept).ravel())
         state.get_mutable_discrete_state(self._known).SetFromVector([len(kept)])

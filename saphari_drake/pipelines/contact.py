@@ -14,7 +14,7 @@ from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
-from saphari_drake.parameters import require_positive, share_period
+from saphari_drake.parameters import diagonal, require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import LocalizerParameters
@@ -120,7 +120,7 @@ def add_contact_pipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
         model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, params.observer.gain)),
-        detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
+        detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
             ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
@@ -147,6 +147,7 @@ def add_contact_pipeline(
         builder,
         (p.dynamics, "dynamics", p.observer, p.model_error),
         (p.observer, "torque_external", p.model_error),
+        (p.observer, "friction_uncertainty", p.force),
         # The model corrected by what was learned, from here on.
         (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
         (p.model_error, "torque_external", p.detector, p.force, p.localizer),
@@ -166,6 +167,14 @@ def add_contact_pipeline(
             builder, (p.force, "unobservable_directions", p.controller), (p.switch, "transition_left", p.controller)
         )
     return p
+
+
+def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDetectorParameters:
+    """Return the detector's parameters, with thresholds above what the friction may be wrong by."""
+    friction, n = params.observer.friction, robot.n
+    own = diagonal(params.detector.threshold, n, "threshold")
+    threshold = own + friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
+    return replace(params.detector, threshold=threshold.tolist())
 
 
 def _controller(

@@ -238,6 +238,17 @@ def test_contact_seen_later_began_where_it_was_felt(situation, lwr4):
     np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home)
 
 
+def test_a_contact_that_is_felt_but_seen_no_more_yields_in_time(situation, lwr4):
+    """A residual that does not let go is no proof that somebody is there; by default it is answered on."""
+    s, patient = situation(unseen_time=0.15), situation()
+    for each in (s, patient):
+        each.after(touched=1.0, point=seen())
+        assert each.after(29, point=NOTHING, bent=0.1) == CONTACT
+    assert s.after(2) == YIELD
+    np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home + 0.1)
+    assert patient.after(200) == CONTACT
+
+
 # ---- stop ----------------------------------------------------------------------------------------------------------
 
 START = {

@@ -94,8 +94,8 @@ class ContactForceController(ContactController):
         }
         super().__init__(robot, params, readouts)
         K_f, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_f", "K_d"))
-        lever, heaviest = params.misfit_lever, params.max_effective_mass
-        self.gains = law.ForceGains(K_f, K_d, self._M_d_inv, self._K_N, lever, heaviest)
+        masses = params.misfit_lever, params.max_effective_mass, params.least_effective_mass
+        self.gains = law.ForceGains(K_f, K_d, self._M_d_inv, self._K_N, *masses)
         self._params, self._fixed = params, np.array(params.fixed_force, dtype=float)
         self._unobservable = self.DeclareVectorInputPort("unobservable_directions", BasicVector(9))
         self._left = self.DeclareVectorInputPort("transition_left", BasicVector(robot.n))

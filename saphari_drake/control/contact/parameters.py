@@ -31,6 +31,9 @@ class ContactImpedanceParameters:
     misfit_lever: float = 0.03
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
+    # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
+    # be: K_d over it stays below half of 1/period. Assumed.
+    least_effective_mass: float = 0.8
     # s; the control cycle.
     period: float = 0.005
 
@@ -73,13 +76,16 @@ class ContactForceControlParameters:
     stop_lead: float = 0.02
     # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
     # Assumed.
-    follow_limit: float = 0.05
+    follow_limit: float = 0.2
     # s; how much later than it is commanded a torque acts; the stop looks ahead farther by as much.
     torque_delay: float = 0.0
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
     misfit_lever: float = 0.03
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
+    # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
+    # be: K_d over it stays below half of 1/period. Assumed.
+    least_effective_mass: float = 0.2
     # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0
@@ -106,5 +112,5 @@ def _check_gains(params: ContactImpedanceParameters | ContactForceControlParamet
     diagonal(params.K_N, np.size(params.K_N), "K_N")
     if len(params.M_d):
         positive_definite(params.M_d, 3, "M_d")
-    require_non_negative(params, "misfit_lever")
+    require_non_negative(params, "misfit_lever", "least_effective_mass")
     require_positive(params, "max_effective_mass", "period")

@@ -154,8 +154,8 @@ class ContactImpedanceController(ContactController):
         params = params or ContactImpedanceParameters()
         super().__init__(robot, params, {"position_error": (3, lambda o: o.error)})
         K_p, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_p", "K_d"))
-        lever, heaviest = params.misfit_lever, params.max_effective_mass
-        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, lever, heaviest)
+        masses = params.misfit_lever, params.max_effective_mass, params.least_effective_mass
+        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, *masses)
 
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:
         now: Interaction = self._interaction.Eval(context)
