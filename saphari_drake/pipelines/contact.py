@@ -114,10 +114,7 @@ def add_contact_pipeline(
     params.__post_init__()  # its parts take the period
     add = builder.AddNamedSystem
     switch = add("command_switch", CommandSwitch(robot, params.switch))
-    # At its own rate the envelope tells the mean torque over a cycle that ended one of its periods ago.
-    fed, age = ("torque_applied", 0.0) if measured.joint_state is None else ("torque_mean", params.envelope.period)
-    observed = replace(params.observer, torque_delay=params.observer.torque_delay - age)
-    observer = add("momentum_observer", MomentumObserver(robot, observed))
+    observer = add("momentum_observer", MomentumObserver(robot, params.observer))
     torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
@@ -143,7 +140,7 @@ def add_contact_pipeline(
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
-        (p.envelope.GetOutputPort(fed), p.observer, "torque_applied"),
+        (p.envelope.GetOutputPort("torque_mean"), p.observer, "torque_applied"),
     ):
         builder.Connect(source, target.GetInputPort(name))
     connect(

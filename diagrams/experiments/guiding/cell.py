@@ -100,7 +100,9 @@ def add_guiding_cell(
         wrist.GetOutputPort("wrench_sensor"),
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
-        own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope),
+        own_joint_state(
+            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
+        ),
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
@@ -40,12 +38,6 @@ class ObstacleWatch:
     tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
 
 
-def empty_background(params: ObstacleWatch) -> NDArray[np.float32]:
-    """Return the background depth image (m) from noisy frames of the cell without robot and person."""
-    images = scan_background(None, Floor(FLOOR), params.camera, params.sampler.noise)
-    return background_depth(images, params.vision)
-
-
 def add_obstacle_watch(
     builder: DiagramBuilder,
     scene_graph: SceneGraph,
@@ -57,7 +49,10 @@ def add_obstacle_watch(
     """Add camera, sampler and tracker to a diagram whose geometry is complete; return the obstacle points they see."""
     camera = add_depth_camera(builder, scene_graph, params.camera)
     sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, truth.sampler(params.sampler)))
-    background = empty_background(params)
+    # Learnt before the robot and a person are there.
+    background = background_depth(
+        scan_background(None, Floor(FLOOR), params.camera, params.sampler.noise), params.vision
+    )
     tracker = builder.AddNamedSystem(
         "obstacle_tracker", ObstacleTracker(job.robot, params.camera, params.tracker, params.vision, background)
     )

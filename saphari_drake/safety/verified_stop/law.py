@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.safety.verified_stop.geometry import ball_distance, shape_poses
 
 Array = NDArray[np.float64]
 
@@ -127,12 +127,13 @@ def stop_margin(body, intervals, q, v, around):
             if v[j] != 0.0:
                 speed[s] += body.reach[s, j] * abs(v[j])
     shapes, balls, near, least = np.empty(count * m, np.int64), np.empty(count * m, np.int64), 0, np.inf
-    motion = tree_kinematics(body.tree, q, v)
+    links = np.empty((v.shape[0], 3, 3)), np.empty((v.shape[0], 3))
+    poses = np.empty((count, 3, 3)), np.empty((count, 3))
+    shape_poses(body, q, links, poses)
     for s in range(count):
-        R, p = _pose(body, motion, s)
         for o in range(m):
             drift = np.sqrt(around.v[o, 0] ** 2 + around.v[o, 1] ** 2 + around.v[o, 2] ** 2)
-            left = _distance(body, s, R, p, around, o, 0.0) - speed[s] * way
+            left = ball_distance(body, s, poses, around, o, 0.0) - speed[s] * way
             left -= around.radius[o] + (around.growth[o] + drift) * total
             if left >= 0.0:
                 least = min(least, left)
@@ -145,43 +146,13 @@ def stop_margin(body, intervals, q, v, around):
         begin, end = total * k / intervals, total * (k + 1) / intervals
         middle = _way(0.5 * (begin + end), hold, stop)
         half = max(middle - _way(begin, hold, stop), _way(end, hold, stop) - middle)
-        motion = tree_kinematics(body.tree, q + middle * v, v)
-        last = -1
+        shape_poses(body, q + middle * v, links, poses)
         for i in range(near):
             s, o = shapes[i], balls[i]
-            if s != last:
-                R, p = _pose(body, motion, s)
-                last = s
             drift = np.sqrt(around.v[o, 0] ** 2 + around.v[o, 1] ** 2 + around.v[o, 2] ** 2)
-            left = _distance(body, s, R, p, around, o, 0.5 * (begin + end)) - speed[s] * half
+            left = ball_distance(body, s, poses, around, o, 0.5 * (begin + end)) - speed[s] * half
             left -= around.radius[o] + around.growth[o] * end + 0.5 * drift * (end - begin)
             least = min(least, left)
             if least < 0.0:
                 return least
     return least
-
-
-@njit(cache=True)
-def _pose(body, motion, s):
-    """Return R_WS (3, 3) and p_WS (3,) of a shape."""
-    R, p, link = np.empty((3, 3)), np.empty(3), body.link[s]
-    R_WL, R_LS, p_LS = motion.R_WL[link], body.R_LS[s], body.p_LS[s]
-    for i in range(3):
-        p[i] = motion.p_WL[link, i] + R_WL[i, 0] * p_LS[0] + R_WL[i, 1] * p_LS[1] + R_WL[i, 2] * p_LS[2]
-        for j in range(3):
-            R[i, j] = R_WL[i, 0] * R_LS[0, j] + R_WL[i, 1] * R_LS[1, j] + R_WL[i, 2] * R_LS[2, j]
-    return R, p
-
-
-@njit(cache=True)
-def _distance(body, s, R, p, around, o, time):
-    """Return the distance (m) of a shape's surface from the centre of a ball after some time; negative inside it."""
-    x = around.p[o, 0] + time * around.v[o, 0] - p[0]
-    y = around.p[o, 1] + time * around.v[o, 1] - p[1]
-    z = around.p[o, 2] + time * around.v[o, 2] - p[2]
-    outside = 0.0
-    for i in range(3):
-        excess = abs(R[0, i] * x + R[1, i] * y + R[2, i] * z) - body.half[s, i]
-        if excess > 0.0:
-            outside += excess * excess
-    return np.sqrt(outside) - body.rounding[s]

@@ -183,8 +183,8 @@ class DepthCameraSampler(LeafSystem):
         self._camera = camera
         self._params = params = params or SamplerParameters()
         empty = np.zeros((camera.height, camera.width), dtype=np.float32)
-        # Compiles the kernel before the first frame.
-        add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)
+        empty.flags.writeable = False  # as images have it
+        add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)  # compiles
         image = ImageDepth32F(camera.width, camera.height)
         self._input = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Frames(0, (), _Frame(empty, -1.0))))
