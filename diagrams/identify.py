@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from experiments.identification import Recorded, best_excitation, build_identification, judged
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
@@ -45,11 +46,11 @@ class IdentifyScenario(PlantScenario):
     excitation: ExcitationParameters = field(default_factory=ExcitationParameters)
     # Soft: what is measured is the torque, not how well the arm follows.
     servo: PositionServoParameters = field(
-        default_factory=lambda: PositionServoParameters(stiffness=900.0, damping=60.0, period=0.002)
+        default_factory=lambda: PositionServoParameters(stiffness=900.0, damping=60.0, period=0.001)
     )
-    joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(0.002, 1e-6))
+    joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(0.001, 1e-6))
     # Harmonics of the series that is fitted to positions.
-    harmonics: int = 20
+    harmonics: int = 40
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,9 +77,9 @@ def run(scenario: IdentifyScenario, options: RunOptions) -> Outcome:
     simulation = Simulation(cell.diagram, scenario.case, options)
     simulation.to((1 + p.periods) * p.period + 0.01)
     log = simulation.log(cell.recorder)
-    part = log.between(p.period, (1 + p.periods) * p.period)
-    delays = scenario.servo.period * np.arange(4)
-    time, position, torque = log.time[part], log["position_measured"][part], log["torque"][part]
+    rows = np.flatnonzero(log.between(p.period, (1 + p.periods) * p.period))[::2]
+    time, position, torque = log.time[rows], log["position_measured"][rows], log["torque"][rows]
+    delays = scenario.servo.period * np.arange(8)
     found = identify(cell.robot, time, position, torque, p.period, scenario.harmonics, delays)
     return Outcome(
         judged(scenario, cell, found, log),
@@ -90,7 +91,8 @@ def run(scenario: IdentifyScenario, options: RunOptions) -> Outcome:
 
 def figure(cell: Recorded, found: Identification, log: Log) -> Figure:
     """Return what was found of each joint against the truth, and the torque that is left over."""
-    result, axes = blank(3, 1, "Friction and unexplained torque of the joints", (7.5, 7.5))
+    result, grid = blank(3, 1, "Friction and unexplained torque of the joints", (7.5, 7.5))
+    axes: list[Axes] = list(grid[:, 0])
     joints = np.arange(cell.robot.n)
     for axis, name, unit, true in zip(axes[:2], ("coulomb", "viscous"), ("Nm", "Nms/rad"), cell.friction):
         axis.bar(joints - 0.2, getattr(found.found, name), 0.4, yerr=found.sigma[name], label="identified")

@@ -72,7 +72,7 @@ def build_identification(scenario: Any, motion: Excitation) -> Recorded:
     builder.Connect(target.get_output_port(), servo.GetInputPort("position_commanded"))
     torque = servo.GetOutputPort("torque_commanded")
     builder.Connect(torque, cell.torque_input)
-    recorder = record_robot(builder, cell, 0.002)
+    recorder = record_robot(builder, cell, scenario.servo.period)
     recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
     recorder.add("torque", torque, "Nm")
     recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")

@@ -78,7 +78,7 @@ def inverse_dynamics(tree: Tree, q: Array, v: Array, a: Array) -> Array:
 
 
 def regressor(robot: RobotModel, motion: Motion) -> Array:
-    """Return the torque of each unknown, (T, n, 5n + 10): coulomb, viscous, −bias, rotor, scale, and those of a payload.
+    """Return the torque of each unknown, (T, n, 5n + 10): coulomb, viscous, −bias, rotor, scale, payload.
 
     Scales are those of mass and inertia less 1; of rotors, of the file's reflected inertia less 1.
     """
