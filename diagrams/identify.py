@@ -79,7 +79,7 @@ def run(scenario: IdentifyScenario, options: RunOptions) -> Outcome:
     log = simulation.log(cell.recorder)
     rows = np.flatnonzero(log.between(p.period, (1 + p.periods) * p.period))[::2]
     time, position, torque = log.time[rows], log["position_measured"][rows], log["torque"][rows]
-    delays = scenario.servo.period * np.arange(8)
+    delays = scenario.truth(scenario.servo.period).profile.torque_delay * scenario.servo.period  # known of the drives
     found = identify(cell.robot, time, position, torque, p.period, scenario.harmonics, delays)
     return Outcome(
         judged(scenario, cell, found, log),

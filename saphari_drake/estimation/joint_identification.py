@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 # (Nm), reflected inertia (share), scale of a link, and of a payload: mass (kg), first moments (kg m), inertia (kg m²).
 PRIOR = {"coulomb": 20.0, "viscous": 20.0, "bias": 2.0, "rotor": 0.3, "scale": 0.03}
 PRIOR_PAYLOAD = np.array([1.0, *[0.1] * 3, *[0.01] * 6])
-SIGMA = 0.2  # Nm; of the torque that no parameter explains
+SIGMA, MEMORY = 0.2, 0.2  # Nm, and s; size of the torque that no parameter explains, as ripple, and how long it lasts
 STILL = 0.01  # rad/s or m/s; slower samples are left out: dry friction has no sign there
 
 
@@ -112,7 +112,7 @@ def _payload(none: Tree, q: Array, v: Array, a: Array) -> list[Array]:
     return [weight, *moments, *turns]
 
 
-def solve(Y: Array, left: Array, moving: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+def solve(Y: Array, left: Array, moving: NDArray[np.bool_], sigma: float = SIGMA) -> tuple[Array, Array, Array]:
     """Return the unknowns (p,), their covariance, and the torque (T, n) left over; least squares with a prior.
 
     Parameters
@@ -123,12 +123,14 @@ def solve(Y: Array, left: Array, moving: NDArray[np.bool_]) -> tuple[Array, Arra
         Torque that the model file does not explain.
     moving : (T, n) bool array
         Samples that count.
+    sigma : float
+        Standard deviation of a sample (Nm or N), if they were independent.
     """
     n = Y.shape[1]
     prior = np.concatenate([np.repeat(list(PRIOR.values()), n), PRIOR_PAYLOAD])
     A, y = Y[moving], left[moving]
-    covariance = np.linalg.inv(A.T @ A / SIGMA**2 + np.diag(1.0 / prior**2))
-    theta = covariance @ (A.T @ y) / SIGMA**2
+    covariance = np.linalg.inv(A.T @ A / sigma**2 + np.diag(1.0 / prior**2))
+    theta = covariance @ (A.T @ y) / sigma**2
     return theta, np.asarray(covariance), np.asarray(left - Y @ theta)
 
 
@@ -169,10 +171,11 @@ def identify(
     q, v, a = fourier_fit(time, position, period, harmonics)
     Y = regressor(robot, Motion(q, v, a))
     explained, moving = inverse_dynamics(robot.file_tree, q, v, a), np.abs(v) > STILL
+    sigma_each = SIGMA * float(np.sqrt(max(MEMORY / (time[1] - time[0]), 1.0)))
     tried = []
     for delay in np.atleast_1d(delays):
         left = np.array([np.interp(time - delay, time, column) for column in torque.T]).T - explained
-        tried.append((float(delay), left, solve(Y, left, moving)))
+        tried.append((float(delay), left, solve(Y, left, moving, sigma_each)))
     delay, left, (theta, covariance, rest) = min(tried, key=lambda one: float(np.mean(one[2][2] ** 2)))
     found, sigma = _told(robot, theta, np.sqrt(np.diag(covariance)))
     before, after = (np.asarray(np.sqrt(np.mean(x**2, axis=0))) for x in (left, rest))
