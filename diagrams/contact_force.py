@@ -54,6 +54,8 @@ def scenario_for(case: str) -> ContactForceScenario:
     pipeline.observer.gain = 100.0
     # Nothing is to return: the robot stays where it is released.
     pipeline.monitor.return_timeout = 0.3
+    # A hand that is no longer seen has left, also if the residual does not say so.
+    pipeline.monitor.unseen_time = 0.15
     if case == "compatible":
         scenario.duration = 23.0
         scenario.pushes = [

@@ -15,7 +15,7 @@ from experiments.localization.scenario import (
     build_scenes,
     scenario_for,
 )
-from experiments.localization.scenes import ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, DrawnTouch
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError
@@ -36,7 +36,7 @@ def build_diagram(scenario: ContactLocalizationScenario) -> Diagram:
     return build_scenes(scenario).diagram
 
 
-def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[Touch] | None:
+def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[DrawnTouch] | None:
     """Draw the touches of scene `index`; nothing if there is no room for two."""
     links = scenes.robot.n - 1
     if case != "two_contacts":

@@ -27,7 +27,7 @@ class SystemStatus(IntEnum):
     OK = 0
     BAD_INPUT = 1  # an input is not finite, or has a wrong size
     HOLDING = 2  # the command cannot be used, or could not a moment ago: keep the posture
-    BRAKES_ON = 3  # the state of the robot is not known: apply the brakes, torque carries the weight alone
+    BRAKES_ON = 3  # the state of the robot is not known: apply the brakes, torque carries the weight
 
 
 def status_of(*values: NDArray[np.float64]) -> SystemStatus:
@@ -40,8 +40,8 @@ class CommandMode(IntEnum):
 
     HOLD = 0  # keep the posture instead
     PASS = 1  # pass it on
-    BRAKE = 2  # come to rest instead, quickly
-    YIELD = 3  # give way instead: damping, Coriolis and gravity terms alone
+    BRAKE = 2  # come to rest instead, quickly, and stay there
+    YIELD = 3  # give way instead, about the latched posture and not far
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Selection(Immutable):
     ----------
     mode : CommandMode
     q_latched : (n,) array
-        Joint positions to hold (rad or m), in HOLD.
+        Joint positions to hold, or to give way about (rad or m), in HOLD and YIELD.
     key : tuple of int
         Whatever tells one law from the next; a change hands over as a change of mode does.
     """
@@ -77,8 +77,8 @@ class InteractionMode(IntEnum):
     HOLD = 0  # nobody touches: keep the posture
     CONTACT = 1  # touched at a known point
     RETURN = 2  # released: the contact point goes back to where it was touched
-    YIELD = 3  # touched, but not seen where: only damping and gravity compensation
-    STOP = 4  # the camera is lost: compliant stop
+    YIELD = 3  # touched, but not seen where: give way about the posture where it was felt, and return to it
+    STOP = 4  # the camera is lost: come to rest and stay there
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,10 @@ def states(robot, count, seed=0):
     return zip(rng.uniform(-2.0, 2.0, (count, robot.n)), rng.uniform(-1.0, 1.0, (count, robot.n)), strict=True)
 
 
+# kg m², reflected inertia of the motors as in the files.
+MOTORS = {"lwr4": dict(zip((f"joint_{k}" for k in range(1, 8)), (0.1, 0.1, 0.1, 0.1, 0.05, 0.05, 0.02)))}
+
+
 class PinocchioTwin:
     """The same file read and evaluated by Pinocchio, in the joint order of a `RobotModel`."""
 
@@ -103,9 +107,12 @@ class PinocchioTwin:
         self.model = pin.buildModelFromUrdf(str(robot.path))
         R_BW = robot.X_WB.rotation().inverse().matrix()
         self.model.gravity.linear = R_BW @ np.array([0.0, 0.0, -9.81])
+        self.order = np.array([self.model.joints[self.model.getJointId(n)].idx_v for n in robot.joint_names])
+        armature = np.zeros(self.model.nv)
+        armature[self.order] = [MOTORS.get(robot.name, {}).get(name, 0.0) for name in robot.joint_names]
+        self.model.armature = armature  # Drake's tags, which Pinocchio does not read
         self.data = self.model.createData()
         self.joints = [self.model.getJointId(name) for name in robot.joint_names]
-        self.order = np.array([self.model.joints[j].idx_v for j in self.joints])
 
     def dynamics(self, q, v):
         """Return M, Cv, CTv and g."""

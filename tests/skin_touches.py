@@ -5,10 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.estimator import SkinLaw
-from saphari_drake.simulation.sensors.skin_modules import Touch
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, indent
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
 NOISE = 0.001  # V
+
+
+def calibrated(modules: SkinModules, params: IndenterParameters) -> SkinCalibration:
+    """Return the calibration that an indenter's presses on a patch give."""
+    return calibrate(modules.layout, indent(modules, params))
 
 
 class Errors(NamedTuple):
@@ -30,7 +37,7 @@ def random_touch(layout, rng, uv):
     direction = R_L @ np.array([slope * np.cos(turn), slope * np.sin(turn), -1.0])
     force = rng.uniform(2.0, 20.0) * direction / np.linalg.norm(direction)
     radius, exponent, shear = rng.uniform([0.005, 0.3, 0.1], [0.009, 2.0, 1.5])
-    return Touch(p_L, force, radius, exponent, shear, rng.uniform(1.0, 1.5), rng.uniform(0.0, np.pi))
+    return SkinLoad(p_L, force, radius, exponent, shear, rng.uniform(1.0, 1.5), rng.uniform(0.0, np.pi))
 
 
 def random_touches(layout, rng, fingers, margin=1.1, apart=0.018):

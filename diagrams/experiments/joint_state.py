@@ -4,11 +4,13 @@ from dataclasses import replace
 
 from pydrake.systems.framework import DiagramBuilder
 
+from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.pipelines.envelope import JointState
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import Cell
+from saphari_drake.simulation.world.profile import Truth
 
 
 def own_joint_state(
@@ -17,10 +19,17 @@ def own_joint_state(
     cell: Cell,
     sensor: JointSensorParameters,
     params: JointEnvelopeParameters,
+    observer: MomentumObserverParameters,
+    truth: Truth,
 ) -> JointState:
-    """Add a joint sensor like `sensor` with the period of the envelope, which is told how late its velocities are."""
-    sensor = replace(sensor, period=params.period)
+    """Add a joint sensor like `sensor` with the period of the envelope.
+
+    Envelope and observer are told how late velocities are, and how late the torque acts: both are known of a robot.
+    """
+    sensor = replace(truth.joint_sensor(sensor), period=params.period)
     params.velocity_age = 0.5 * params.period if sensor.differentiate else 0.0
+    observer.velocity_delay = 0.5 if sensor.differentiate else 0.0
+    params.torque_delay = truth.profile.torque_delay * truth.period
     system = builder.AddNamedSystem("envelope_sensor", JointSensor(robot, sensor))
     builder.Connect(cell.robot_state, system.GetInputPort("state"))
     return JointState(system.GetOutputPort("position_measured"), system.GetOutputPort("velocity_measured"))

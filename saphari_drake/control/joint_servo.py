@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.math.saturation import limit_torque
 from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
@@ -20,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class JointServoParameters:
-    """Gains of the servo; A."""
+    """Gains of the servo; assumed."""
 
     # 1/s, on the velocity error; above 0.5/period the sampling shows. One value for all joints: M is compensated.
     gain: float = 150.0
@@ -53,14 +52,13 @@ def servo_torque(terms: DynamicsTerms, v_desired: Array, a_desired: Array, gain:
 
 class _Output(NamedTuple):
     torque: Array
-    excess: Array
     error: Array
     status: SystemStatus
 
 
 @dataclass(frozen=True)
 class _Memory(Immutable):
-    gravity: Array  # at the last known state, within the limits
+    gravity: Array  # at the last known state
     command: Array | None = None  # of the cycle before
 
 
@@ -75,7 +73,6 @@ class JointVelocityServo(LeafSystem):
         - velocity_commanded
         output_ports:
         - torque_commanded
-        - torque_excess
         - velocity_error
         - system_status
 
@@ -83,8 +80,8 @@ class JointVelocityServo(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`, of the measured state.
     velocity_commanded : n (rad/s or m/s).
-    torque_commanded : n (Nm or N), within the robot's limits, always finite.
-    torque_excess : n, what the limits cut off.
+    torque_commanded : n (Nm or N), always finite; `TorqueLimit` comes after it. A `VelocityEnvelope` before the servo
+        keeps it within the limits.
     velocity_error : n (rad/s or m/s), commanded minus measured; NaN while the state is not known.
     system_status : 1, a `SystemStatus`. BAD_INPUT while the command is not finite: the joints are braked. BRAKES_ON
         while the state is not known: the gravity torque of the last known one is left, at the start that at home.
@@ -95,18 +92,16 @@ class JointVelocityServo(LeafSystem):
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
         super().__init__()
-        self._robot, self._params, zero = robot, params or JointServoParameters(), np.zeros(robot.n)
+        self._params, zero = params or JointServoParameters(), np.zeros(robot.n)
         terms = evaluate_dynamics(robot, robot.home, zero)
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
-        weight, _ = limit_torque(terms.g, robot.tau_max)
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(weight)))
-        start = _Output(weight, zero, zero, SystemStatus.OK)
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g)))
+        start = _Output(terms.g, zero, SystemStatus.OK)
         tickets = {self.all_input_ports_ticket(), self.abstract_state_ticket(self._memory)}
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
         readouts = {
             "torque_commanded": (robot.n, lambda o: o.torque),
-            "torque_excess": (robot.n, lambda o: o.excess),
             "velocity_error": (robot.n, lambda o: o.error),
             "system_status": (1, lambda o: [o.status]),
         }
@@ -121,18 +116,16 @@ class JointVelocityServo(LeafSystem):
         terms: DynamicsTerms = self._dynamics.Eval(context)
         memory, v_desired, zero = self._remembered(context), np.array(self._command.Eval(context)), 0.0 * terms.g
         if not terms.finite:
-            return _Output(memory.gravity, np.zeros(self._robot.n), zero, SystemStatus.BRAKES_ON)
+            return _Output(memory.gravity, zero, SystemStatus.BRAKES_ON)
         status, before = status_of(v_desired), memory.command
         v_desired = v_desired if status == SystemStatus.OK else zero
         before = v_desired if status != SystemStatus.OK or before is None else before
         a_desired = self._params.feedforward * (v_desired - before) / self._params.period
-        torque, excess = limit_torque(servo_torque(terms, v_desired, a_desired, self._params.gain), self._robot.tau_max)
-        return _Output(torque, excess, v_desired - terms.v, status)
+        torque = servo_torque(terms, v_desired, a_desired, self._params.gain)
+        return _Output(torque, v_desired - terms.v, status)
 
     def _update(self, context: Context, state: State) -> None:
         terms, command = self._dynamics.Eval(context), np.array(self._command.Eval(context))
-        gravity = self._remembered(context).gravity
-        if terms.finite:
-            gravity, _ = limit_torque(terms.g, self._robot.tau_max)
+        gravity = terms.g if terms.finite else self._remembered(context).gravity
         memory = _Memory(gravity, command if status_of(command) == SystemStatus.OK else None)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -11,6 +11,16 @@ from .disturbance_observer import (
     DisturbanceObserverParameters as DisturbanceObserverParameters,
 )
 from .joint_acceleration import JointAcceleration as JointAcceleration
+from .joint_friction import JointFrictionParameters as JointFrictionParameters
+from .model_error import (
+    LearningStatus as LearningStatus,
+)
+from .model_error import (
+    ModelErrorEstimator as ModelErrorEstimator,
+)
+from .model_error import (
+    ModelErrorParameters as ModelErrorParameters,
+)
 from .momentum_observer import (
     MomentumObserver as MomentumObserver,
 )

@@ -26,11 +26,13 @@ class ContactForceParameters:
     rcond: float = 0.02
     # and those below this (m): a force with so short a lever arm is lost in the noise of the residual.
     least_lever: float = 0.02
+    # Nm, standard deviation of the residual of all joints beside that of their friction. Assumed.
+    deviation: float = 0.2
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
-        require_positive(self, "least_lever")
+        require_positive(self, "least_lever", "deviation")
 
 
 class ContactForce(NamedTuple):
@@ -42,7 +44,9 @@ class ContactForce(NamedTuple):
     misfit: Array  # (n,) r − J_cᵀF, Nm
 
 
-def estimate_contact_force(J: Array, r: Array, rcond: float, least_lever: float = 1.0e-9) -> ContactForce:
+def estimate_contact_force(
+    J: Array, r: Array, rcond: float, least_lever: float = 1.0e-9, weight: Array | None = None
+) -> ContactForce:
     """Return F̂ = (J_cᵀ)^# r, eq. (51), by truncated least squares.
 
     The printed pseudo-inverse has no bound where J_c loses rank: points of the LWR4's link 3 move on a sphere round
@@ -58,10 +62,13 @@ def estimate_contact_force(J: Array, r: Array, rcond: float, least_lever: float 
         Relative size below which a singular value counts as zero.
     least_lever : float
         Absolute size below which it does (m).
+    weight : (n,) array, optional
+        Of each joint in the least squares (0–1); default: all alike.
     """
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    w = np.ones(len(r)) if weight is None else weight
+    U, s, Vt = np.linalg.svd(J * w, full_matrices=False)
     rank = int(np.count_nonzero(s > max(rcond * s[0], least_lever)))
-    F_W = U[:, :rank] @ ((Vt[:rank] @ r) / s[:rank])
+    F_W = U[:, :rank] @ ((Vt[:rank] @ (w * r)) / s[:rank])
     unobservable = np.zeros((3, 3))
     unobservable[:, : 3 - rank] = U[:, rank:]
     return ContactForce(F_W, rank, unobservable, r - J.T @ F_W)
@@ -77,6 +84,7 @@ class ContactForceEstimator(LeafSystem):
         - dynamics
         - torque_external
         - contact_point
+        - friction_uncertainty
         output_ports:
         - contact_force
         - rank
@@ -89,6 +97,7 @@ class ContactForceEstimator(LeafSystem):
     dynamics : abstract `DynamicsTerms`.
     torque_external : n (Nm), r ≈ J_cᵀF, from `MomentumObserver`.
     contact_point : abstract `ContactPoint`.
+    friction_uncertainty : n (Nm), from `MomentumObserver`; optional: joints whose friction hides more count less.
     contact_force : 3 (N, world), force of the person on the robot; zero without a contact point.
     rank : 1, number of force directions that are determined; 3 is a full estimate, 0 none.
     unobservable_directions : 9, a 3×3 matrix by columns: unit vectors (world) along which the force is not known.
@@ -104,8 +113,9 @@ class ContactForceEstimator(LeafSystem):
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._torque = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
+        self._friction = self.DeclareVectorInputPort("friction_uncertainty", BasicVector(robot.n))
         none = ContactForce(np.zeros(3), 0, np.eye(3), np.zeros(robot.n))
-        inputs = {self._dynamics.ticket(), self._torque.ticket(), self._point.ticket()}
+        inputs = {self.all_input_ports_ticket()}
         estimate = declare_cache(self, "contact force", none, self._estimate, inputs)
         declare_readouts(
             self,
@@ -128,4 +138,8 @@ class ContactForceEstimator(LeafSystem):
         if not point.found:
             return ContactForce(np.zeros(3), 0, np.eye(3), r)
         J = terms.point(point.link, point.p_LC).Jv_WC
-        return estimate_contact_force(J, r, self._params.rcond, self._params.least_lever)
+        p, weight = self._params, None
+        if self._friction.HasValue(context):
+            weight = 1.0 / np.hypot(p.deviation, self._friction.Eval(context))
+            weight /= np.max(weight)
+        return estimate_contact_force(J, r, p.rcond, p.least_lever, weight)

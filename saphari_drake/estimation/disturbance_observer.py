@@ -20,12 +20,12 @@ class DisturbanceObserverParameters:
     """Gain of the estimate."""
 
     # 1/s; frequency of the loop through the estimate, with Γ⁻¹ = rate² M(home), which is the same for heavy and light
-    # parts of the arm. A.
+    # parts of the arm. Assumed.
     rate: float = 60.0
     # Diagonal of Γ instead, one value or one a joint; empty: as above. A small one suits continuous time: 0.002 makes a
-    # loop of 400 1/s through the wrist of the LWR4, which is unstable at a cycle of 2 ms. A.
+    # loop of 400 1/s through the wrist of the LWR4, which is unstable at a cycle of 2 ms. Assumed.
     Gamma: list[float] | float = field(default_factory=list)
-    # 1/s; how fast the estimate is forgotten while the task yields: it says nothing of what comes after. A.
+    # 1/s; how fast the estimate is forgotten while the task yields: it says nothing of what comes after. Assumed.
     forget_rate: float = 10.0
     # s; the control cycle.
     period: float = 0.002

@@ -88,6 +88,7 @@ def cholesky(A, L):
     """Write the lower Cholesky factor of a symmetric matrix (m, m) into L and return whether it is positive definite.
 
     If not, the lower part of L is NaN: whoever goes on with it gets NaN, never a number that looks like a solution.
+    L may be A itself.
     """
     m = A.shape[0]
     for j in range(m):

@@ -1,6 +1,6 @@
 """From joint state and depth image to an answered contact: the systems of Section 7, wired."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +12,9 @@ from saphari_drake.control.contact.parameters import ContactForceControlParamete
 from saphari_drake.control.contact.stability import check_hand
 from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
+from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
-from saphari_drake.parameters import require_positive, share_period
+from saphari_drake.parameters import diagonal, require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import LocalizerParameters
@@ -34,7 +35,10 @@ class ContactPipelineParameters:
 
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.005
-    observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
+    # Its velocity is expected to be a difference of positions, as encoders give it.
+    observer: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(velocity_delay=0.5))
+    # What the robot's model may lack; learned while nobody touches.
+    model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
@@ -48,7 +52,7 @@ class ContactPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "observer", "detector", "monitor", "controller", "switch")
+        share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
             check_hand(self.controller, float(np.min(self.observer.gain)))
 
@@ -68,6 +72,7 @@ class ContactPipeline(NamedTuple):
 
     dynamics: RobotDynamics
     observer: MomentumObserver
+    model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
     monitor: ContactMonitor
@@ -90,7 +95,7 @@ def add_contact_pipeline(
     params: ContactPipelineParameters | None = None,
     background: NDArray[np.float32] | None = None,
 ) -> ContactPipeline:
-    """Add observer, detector, localizer, monitor, force estimator, controller, switch and envelope, and connect them.
+    """Add all systems from the observer to the joint envelope, and connect them.
 
     Parameters
     ----------
@@ -114,14 +119,15 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        detector=add("contact_detector", ContactDetector(robot.n, params.detector)),
+        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, params.observer.gain)),
+        detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
             ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
         ),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
-        controller=add("controller", _controller(robot, params.controller)),
+        controller=add("controller", _controller(robot, params)),
         switch=switch,
         envelope=add_joint_envelope(
             builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period
@@ -139,9 +145,15 @@ def add_contact_pipeline(
         builder.Connect(source, target.GetInputPort(name))
     connect(
         builder,
-        (p.dynamics, "dynamics", p.observer, p.monitor, p.force, p.controller, p.switch),
-        (p.observer, "torque_external", p.detector, p.force, p.localizer),
-        (p.detector, "contact", p.monitor),
+        (p.dynamics, "dynamics", p.observer, p.model_error),
+        (p.observer, "torque_external", p.model_error),
+        (p.observer, "friction_uncertainty", p.force),
+        # The model corrected by what was learned, from here on.
+        (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
+        (p.model_error, "torque_external", p.detector, p.force, p.localizer),
+        (p.model_error, "torque_uncertainty", p.detector),
+        (p.model_error, "torque_noise", p.detector),
+        (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
         (p.localizer, "camera_status", p.monitor),
         (p.monitor, "interaction", p.controller),
@@ -157,9 +169,18 @@ def add_contact_pipeline(
     return p
 
 
+def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDetectorParameters:
+    """Return the detector's parameters, with thresholds above what the friction may be wrong by."""
+    friction, n = params.observer.friction, robot.n
+    own = diagonal(params.detector.threshold, n, "threshold")
+    threshold = own + friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
+    return replace(params.detector, threshold=threshold.tolist())
+
+
 def _controller(
-    robot: RobotModel, params: ContactImpedanceParameters | ContactForceControlParameters
+    robot: RobotModel, params: ContactPipelineParameters
 ) -> ContactImpedanceController | ContactForceController:
-    if isinstance(params, ContactForceControlParameters):
-        return ContactForceController(robot, params)
-    return ContactImpedanceController(robot, params)
+    given = params.controller
+    if isinstance(given, ContactForceControlParameters):
+        return ContactForceController(robot, replace(given, torque_delay=params.envelope.torque_delay))
+    return ContactImpedanceController(robot, given)

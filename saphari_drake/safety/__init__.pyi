@@ -8,3 +8,9 @@ from .joint_envelope.law import EnvelopeStatus as EnvelopeStatus
 from .joint_envelope.parameters import JointEnvelopeParameters as JointEnvelopeParameters
 from .joint_envelope.system import JointEnvelope as JointEnvelope
 from .torque_limit import TorqueLimit as TorqueLimit
+from .velocity_envelope.law import VelocityStatus as VelocityStatus
+from .velocity_envelope.parameters import VelocityEnvelopeParameters as VelocityEnvelopeParameters
+from .velocity_envelope.system import VelocityEnvelope as VelocityEnvelope
+from .verified_stop.law import StopStatus as StopStatus
+from .verified_stop.parameters import VerifiedStopParameters as VerifiedStopParameters
+from .verified_stop.system import VerifiedStop as VerifiedStop

@@ -18,12 +18,12 @@ Array = NDArray[np.float64]
 class ContactDetectorParameters:
     """Threshold, hysteresis and noise of the detector."""
 
-    # Nm, one for all joints or one a joint; |r_i| above it is a contact. 1 to 2 in the literature; A.
+    # Nm, one for all joints or one a joint; |r_i| above it is a contact. 1 to 2 in the literature; assumed.
     threshold: list[float] | float = 1.0
     # Nm, standard deviation of the residual without contact, one for all or one a joint; `residual_noise` measures it.
     noise: list[float] | float = 0.0
     # The threshold is at least this many standard deviations of the noise.
-    noise_multiple: float = 6.0
+    noise_multiple: float = 5.0
     # Share of the threshold below which every |r_i| must stay for a release.
     release_ratio: float = 0.5
     # s; how long it must stay there.
@@ -51,6 +51,8 @@ class ContactDetector(LeafSystem):
         name: ContactDetector
         input_ports:
         - torque_external
+        - torque_uncertainty
+        - torque_noise
         output_ports:
         - ratio
         - system_status
@@ -58,9 +60,11 @@ class ContactDetector(LeafSystem):
 
     Ports
     -----
-    torque_external : n (Nm), the residual r, from `MomentumObserver`.
+    torque_external : n (Nm), the residual r, from `MomentumObserver` or, corrected, from `ModelErrorEstimator`.
+    torque_uncertainty : n (Nm), of `ModelErrorEstimator`, by which the threshold is higher; optional, default: zero.
+    torque_noise : n (Nm), measured standard deviation of the residual; optional, counts if above the parameter.
     contact : 1, 1 while touched, else 0.
-    ratio : 1, the largest |r_i| over its threshold; not finite while r is not.
+    ratio : 1, the largest |r_i| over its threshold; not finite while an input is not.
     system_status : 1, a `SystemStatus`.
 
     Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
@@ -73,11 +77,14 @@ class ContactDetector(LeafSystem):
         self._params = params = params or ContactDetectorParameters()
         noise = diagonal(params.noise, num_joints, "noise")
         self._threshold = np.maximum(diagonal(params.threshold, num_joints, "threshold"), params.noise_multiple * noise)
-        self._torque = self.DeclareVectorInputPort("torque_external", BasicVector(num_joints))
+        self._torque, self._uncertainty, self._noise = (
+            self.DeclareVectorInputPort(name, BasicVector(num_joints))
+            for name in ("torque_external", "torque_uncertainty", "torque_noise")
+        )
         # Time left until release (s); 0 when not touched.
         self._remaining = self.DeclareDiscreteState(1)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self._torque.ticket()})
+        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self.all_input_ports_ticket()})
         readouts = {"ratio": (1, lambda ratio: [ratio]), "system_status": (1, lambda ratio: [status_of(ratio)])}
         declare_readouts(self, self._ratio, readouts)
         tickets = {self._ratio.ticket(), self.discrete_state_ticket(self._remaining)}
@@ -85,7 +92,12 @@ class ContactDetector(LeafSystem):
         declare_readouts(self, touched, {"contact": (1, lambda touched: [float(touched)])})
 
     def _largest(self, context: Context) -> float:
-        return float(np.max(np.abs(self._torque.Eval(context)) / self._threshold))
+        threshold = self._threshold
+        if self._noise.HasValue(context):
+            threshold = np.maximum(threshold, self._params.noise_multiple * self._noise.Eval(context))
+        if self._uncertainty.HasValue(context):
+            threshold = threshold + self._uncertainty.Eval(context)
+        return float(np.max(np.abs(self._torque.Eval(context)) / threshold))
 
     def _touched(self, context: Context) -> bool:
         # Not "ratio >= 1": a residual that is lost (NaN) is no proof that nobody touches.

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.errors import ParameterError
 from saphari_drake.messages import (
     CameraStatus,
     ContactPoint,
@@ -34,7 +35,11 @@ class ContactMonitorParameters:
     new_contact_distance: float = 0.05
     # s; unless the touch has just begun: then the camera, which is late, has found where it is.
     correction_time: float = 0.1
-    # m and rad/s; a return is over when the contact point is this near its latched position and the joints are slow,
+    # s; how long a contact that is felt, but that no camera sees any more, is still answered; then the robot yields. A
+    # law that pushes back needs this second sign that somebody is there.
+    unseen_time: float = np.inf
+    # m and rad/s; a return is over when the contact point is this near its latched position and the joints are slow;
+    # after yielding, when they are slow,
     position_tolerance: float = 0.001
     velocity_tolerance: float = 0.02
     # s; for this long,
@@ -47,6 +52,8 @@ class ContactMonitorParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
+        if not self.unseen_time > 0.0:
+            raise ParameterError("unseen_time", f"must be positive, got {self.unseen_time}")
         require_positive(
             self,
             "new_contact_distance",
@@ -67,6 +74,8 @@ class _Memory(Immutable):
     interaction: Interaction
     in_mode: float = 0.0
     settled: float = 0.0
+    left: float = 0.0  # since nobody touches the yielding robot
+    unseen: float = 0.0  # since the contact was seen
     works: float = np.inf
 
 
@@ -100,7 +109,8 @@ class ContactMonitor(LeafSystem):
 
     Rules, in this order: a lost camera, or a state that is not known, stops the robot, until both have been good for a
     while; a contact that is felt and seen is answered (CONTACT), one that is felt only makes the robot yield; a
-    released contact point returns; a robot at rest holds. Every decision takes one period.
+    released contact point returns, and so does a robot that has yielded; a robot at rest holds. Every decision takes
+    one period.
     """
 
     def __init__(self, robot: RobotModel, params: ContactMonitorParameters | None = None) -> None:
@@ -145,21 +155,26 @@ class ContactMonitor(LeafSystem):
         # A touch that is not a number is no proof that nobody touches; a camera's status that is none is no camera.
         touched = not self._contact.Eval(context)[0] <= 0.5
         works = terms.finite and self._camera.Eval(context)[0] in _CAMERA_WORKS
-        memory = self._with_clocks(memory, terms, works)
+        memory = self._with_clocks(memory, terms, touched, works, seen)
         interaction = self._decide(memory, terms, touched, works, seen)
         in_mode = memory.in_mode if interaction.mode == memory.interaction.mode else 0.0
         state.get_mutable_abstract_state(int(self._memory)).set_value(
             replace(memory, interaction=interaction, in_mode=in_mode)
         )
 
-    def _with_clocks(self, memory: _Memory, terms: DynamicsTerms, works: bool) -> _Memory:
+    def _with_clocks(
+        self, memory: _Memory, terms: DynamicsTerms, touched: bool, works: bool, seen: ContactPoint
+    ) -> _Memory:
         period, params, now = self._params.period, self._params, memory.interaction
         near = now.mode == InteractionMode.RETURN and self._latched_error(now, terms) < params.position_tolerance
         slow = float(np.max(np.abs(terms.v))) < params.velocity_tolerance
+        left = now.mode == InteractionMode.YIELD and not touched
         return replace(
             memory,
             in_mode=memory.in_mode + period,
-            settled=memory.settled + period if near and slow else 0.0,
+            settled=memory.settled + period if (near or left) and slow else 0.0,
+            left=memory.left + period if left else 0.0,
+            unseen=0.0 if seen.found else memory.unseen + period,
             works=memory.works + period if works else 0.0,
         )
 
@@ -177,13 +192,16 @@ class ContactMonitor(LeafSystem):
         if touched and seen.found:
             return self._answer(memory, terms, seen)
         if touched:  # felt, not seen: keep answering where the contact was, or yield
-            known = now.mode == InteractionMode.CONTACT
+            known = now.mode == InteractionMode.CONTACT and memory.unseen < params.unseen_time
             return now if known else self._enter(InteractionMode.YIELD, now, terms)
         if now.mode == InteractionMode.CONTACT:
             return replace(now, mode=InteractionMode.RETURN)
         returned = memory.settled >= params.settle_time or memory.in_mode >= params.return_timeout
         if now.mode == InteractionMode.RETURN and not returned:
             return now
+        if now.mode == InteractionMode.YIELD:  # to where it was felt, softly; held there at last
+            over = memory.settled >= params.settle_time or memory.left >= params.return_timeout
+            return replace(now, mode=InteractionMode.HOLD) if over else now
         return self._enter(InteractionMode.HOLD, now, terms)
 
     def _answer(self, memory: _Memory, terms: DynamicsTerms, seen: ContactPoint) -> Interaction:

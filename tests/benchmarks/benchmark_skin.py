@@ -19,13 +19,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
+from skin_touches import calibrated  # noqa: E402
 
 from saphari_drake.perception.skin.calibration import SkinCalibration  # noqa: E402
 from saphari_drake.perception.skin.estimator import SkinLaw  # noqa: E402
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters  # noqa: E402
 from saphari_drake.robots import catalog  # noqa: E402
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules  # noqa: E402
-from saphari_drake.simulation.sensors.skin_modules import SkinModules, Touch  # noqa: E402
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters  # noqa: E402
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules  # noqa: E402
 
 STEPS = 300
 NOISE = 0.001  # V
@@ -43,7 +44,7 @@ def timed(
     for k in range(STEPS):
         uv = rng.uniform(-0.75, 0.75, (touches, 2)) * layout.extent
         p_L, R_L = layout.surface(uv)
-        pressed = [Touch(p, -rng.uniform(3.0, 15.0) * R[:, 2], 0.007) for p, R in zip(p_L, R_L)]
+        pressed = [SkinLoad(p, -rng.uniform(3.0, 15.0) * R[:, 2], 0.007) for p, R in zip(p_L, R_L)]
         extra = NOISE * rng.standard_normal((layout.count, 4))
         voltages = modules.voltages(*modules.forces(pressed), extra)
         voltages[rng.choice(layout.count, dead, replace=False)] = 0.0
@@ -61,7 +62,7 @@ def main() -> None:
     for name, rows, columns, limit in CASES:
         layout = SkinLayout(robot, SkinLayoutParameters(rows=rows, columns=columns))
         modules = SkinModules(layout)
-        calibration = calibrate_modules(modules, IndenterParameters(presses=40))
+        calibration = calibrated(modules, IndenterParameters(presses=40))
         for touches in (0, 1, 2, 5):
             for dead in (0, layout.count // 10):
                 seconds = timed(layout, modules, calibration, touches, dead)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from evidence_runs import SCRIPT
-from experiments.evidence import command, gate_run
+from experiments.evidence import command
+from experiments.evidence import gate as gates
 from experiments.evidence.command import Places, main
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
@@ -110,7 +111,7 @@ def gate(places, capsys, monkeypatch):
     """The gate over the toy, which is its main script too."""
 
     def check(*arguments):
-        return gate_run.check(*arguments, main="toy")
+        return gates.check(*arguments, main="toy")
 
     monkeypatch.setattr(command, "check", check)
 
@@ -145,7 +146,7 @@ def test_the_gate_fails_when_a_figure_moves(places, gate):
 
 def test_the_gate_fails_when_a_bound_is_missed(places, gate, monkeypatch):
     """The seed of the day alone misses its bound here: the default seed is as recorded."""
-    monkeypatch.setattr(gate_run, "seed_of_the_day", lambda today: seed_of_the_day(today) // 10 * 10 + 9)
+    monkeypatch.setattr(gates, "seed_of_the_day", lambda today: seed_of_the_day(today) // 10 * 10 + 9)
     settings(places, error=0.44)
     assert main(["--seeds", "0:3"], places) == 0
     status, lines = gate()
@@ -177,7 +178,7 @@ def test_a_gate_that_is_stopped_tells_what_failed_so_far(places, gate, monkeypat
         yield Run(jobs[0], 2, 1.0, {}, "toy: error: no such arm")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(gate_run, "run_all", stopped)
+    monkeypatch.setattr(gates, "run_all", stopped)
     status, lines = gate()
     assert status == 130
     assert lines[-2:] == [

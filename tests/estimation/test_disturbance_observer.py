@@ -27,7 +27,7 @@ def test_printed_sign_diverges_and_corrected_converges(lwr4, observer):
 
 def test_energy_of_proposition_1_never_grows(lwr4):
     """V = ½ sᵀΛ_x s + ½ τ̃ᵀΓ τ̃ falls along a run with a constant external torque, in all by ∫ sᵀK s dt."""
-    period = 2e-4
+    period = 1e-4
     loop = Loop(lwr4, "task_error", HOME, period=period)
     loop.p_d = loop.p_d + np.array([0.03, -0.02, 0.02])
     constant, Gamma = np.array([2.0, -1.0, 0.5, 1.0, 0.2, 0.3, 0.0]), np.linalg.inv(loop.Gamma_inv)

@@ -190,3 +190,29 @@ def test_bad_parameters(name, value):
 def test_gains_of_the_wrong_size(lwr4):
     with pytest.raises(ParameterError, match="gain: needs 1 or 7 entries"):
         MomentumObserver(lwr4, MomentumObserverParameters(gain=[50.0, 50.0]))
+
+
+@pytest.mark.parametrize("cycles", [0.0, 0.5, 1.0, 1.6, 2.0])
+def test_a_delay_that_is_told_leaves_no_trace(lwr4, cycles):
+    """Torque that acts later, by whole periods or not: the residual is that of the external torque alone."""
+    start, rng = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)), np.random.default_rng(0)
+    terms = replace(start, p=np.zeros(7), CTv=np.zeros(7), g=np.zeros(7))
+    observer = MomentumObserver(lwr4, MomentumObserverParameters(gain=50.0, torque_delay=cycles * PERIOD))
+    bench = Bench(observer, dynamics=terms, torque_applied=np.zeros(7))
+    p, torques, whole = np.zeros(7), [np.zeros(7)] * 4, int(cycles)
+    for k in range(1, 40):
+        torques.append(rng.normal(size=7) if k > 3 else np.zeros(7))
+        bench.run(torque_applied=torques[-1])
+        share = cycles - whole
+        p = p + PERIOD * ((1.0 - share) * torques[-1 - whole] + share * torques[-2 - whole] + F_W[0])
+        bench.set(dynamics=replace(terms, p=p))
+        expected = -np.expm1(-50.0 * k * PERIOD) * F_W[0]
+        np.testing.assert_allclose(bench.read("torque_external"), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("fields", "name"), [({"torque_delay": np.nan}, "torque_delay"),
+                                              ({"torque_delay": -0.001}, "torque_delay"),
+                                              ({"velocity_delay": -0.5}, "velocity_delay")])  # fmt: skip
+def test_bad_delays(fields, name):
+    with pytest.raises(ParameterError, match=name):
+        MomentumObserverParameters(**fields)

@@ -13,6 +13,7 @@ from saphari_drake.control.hand_guiding.touch import GuidingStatus
 from saphari_drake.messages import SystemStatus
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WrenchStatus
+from saphari_drake.pipelines.envelope import JointState
 from saphari_drake.pipelines.hand_guiding import add_hand_guiding_pipeline
 from saphari_drake.robots import catalog
 from saphari_drake.simulation.people.guiding_hands import Grip, Hand, Pull
@@ -43,11 +44,13 @@ def arm():
     taps = {}
 
     def tapped(builder, robot, measured, *rest):
-        for name, port in measured._asdict().items():
+        *held, own = measured
+        named = dict(zip((*measured._fields[:-1], "own_position", "own_velocity"), (*held, *own)))
+        for name, port in named.items():
             taps[name] = builder.AddSystem(GoneBad(port.size()))
             builder.Connect(port, taps[name].get_input_port())
-        ports = [tap.get_output_port() for tap in taps.values()]
-        return add_hand_guiding_pipeline(builder, robot, type(measured)(*ports), *rest)
+        *held, position, velocity = (tap.get_output_port() for tap in taps.values())
+        return add_hand_guiding_pipeline(builder, robot, type(measured)(*held, JointState(position, velocity)), *rest)
 
     robot = catalog.lwr4().with_home(HOME)
     params = guiding_cell.GuidingCellParameters()
@@ -76,12 +79,25 @@ def run(arm, port, value, end):
         rows.append([
             time, *read(pipeline.envelope, "torque_applied"), *state, *read(pipeline.controller, "status"),
             *read(pipeline.controller, "system_status"), *read(pipeline.switch, "system_status"),
-            *read(pipeline.wrist, "status"),
+            *read(pipeline.wrist, "status"), *read(pipeline.envelope, "system_status"),
         ])  # fmt: skip
     rows, n = np.array(rows), arm.robot.n
-    names = ("status", "controller", "switch", "wrist")
+    names = ("status", "controller", "switch", "wrist", "envelope")
     told = dict(zip(names, rows[:, 1 + 3 * n :].T))
     return SimpleNamespace(time=rows[:, 0], torque=rows[:, 1 : 1 + n], q=rows[:, 1 + n : 1 + 2 * n], **told)
+
+
+@pytest.mark.parametrize("end", [FAULT + 0.006, np.inf])
+@pytest.mark.parametrize("port", ["own_position", "own_velocity"])
+def test_a_state_that_the_envelope_does_not_know_is_told(arm, port, end):
+    """The torque is that of the switch, within its limits and their rate; the arm is led on."""
+    said = run(arm, port, np.nan, end)
+    assert np.all(np.abs(said.torque) <= arm.robot.tau_max)
+    assert np.abs(np.diff(said.torque, axis=0)).max() <= 2.0 + 1e-9  # twice the rate: read between two periods
+    bad = (said.time > FAULT + 0.001) & (said.time < end - 0.001)
+    good = (said.time < FAULT - 0.001) | (said.time > end + 0.001)
+    assert np.all(said.envelope[bad] == SystemStatus.BAD_INPUT)
+    assert np.all(said.envelope[good] == SystemStatus.OK)
 
 
 @pytest.mark.parametrize("end", [FAULT + 0.006, np.inf])

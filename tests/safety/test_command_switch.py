@@ -62,16 +62,42 @@ def test_posture_torque_is_computed_torque(lwr4):
 
 
 @pytest.mark.parametrize(
-    ("mode", "stiffness", "damping"), [(HOLD, 225.0, 30.0), (BRAKE, 0.0, 30.0), (YIELD, 0.0, 10.0)]
+    ("mode", "stiffness", "damping"), [(HOLD, 225.0, 30.0), (BRAKE, 0.0, 30.0), (YIELD, 25.0, 10.0)]
 )
 def test_each_mode_is_its_computed_torque(lwr4, moving, mode, stiffness, damping):
-    """Only HOLD pulls, to the latched posture; the others take energy out. The command is not read."""
+    """HOLD pulls to the latched posture, YIELD softly, BRAKE takes the speed out. The command is not read."""
     bench = Switched(lwr4, *moving)
     bench.set(selection=bench.selection(mode), torque_commanded=np.full(7, np.nan))
     d = bench.terms
     expected = d.M @ (stiffness * (lwr4.home - d.q) - damping * d.v) + d.Cv + d.g
     np.testing.assert_allclose(bench.torque, expected, atol=1e-12)
     assert bench.status == SystemStatus.OK
+
+
+def test_braking_holds_where_it_comes_to_rest(lwr4, moving):
+    bench = Switched(lwr4, *moving)
+    bench.run(20, selection=bench.selection(BRAKE))
+    rest = evaluate_dynamics(lwr4, moving[0] + 0.05, np.full(7, 0.01))
+    bench.run(2, dynamics=rest)
+    sunk = evaluate_dynamics(lwr4, rest.q + 0.02, rest.v)
+    bench.run(20, dynamics=sunk)
+    held = posture_torque(sunk, rest.q, np.full(7, 225.0), np.full(7, 30.0))
+    np.testing.assert_allclose(bench.torque - bench.read("transition"), held, atol=1e-9)
+    bench.run(selection=bench.selection())
+    bench.run(selection=bench.selection(BRAKE))
+    np.testing.assert_allclose(
+        bench.torque - bench.read("transition"), posture_torque(sunk, sunk.q, np.full(7, 0.0), np.full(7, 30.0))
+    )
+
+
+def test_braking_holds_after_its_time_also_what_does_not_come_to_rest(lwr4, moving):
+    """A weight that the model lacks keeps the arm sinking."""
+    bench = Switched(lwr4, *moving, rest_time=0.2)
+    bench.run(41, selection=bench.selection(BRAKE))
+    sunk = evaluate_dynamics(lwr4, moving[0] + 0.1, moving[1])
+    bench.run(20, dynamics=sunk)
+    held = posture_torque(sunk, moving[0], np.full(7, 225.0), np.full(7, 30.0))
+    np.testing.assert_allclose(bench.torque - bench.read("transition"), held, atol=1e-9)
 
 
 def test_a_command_passes_as_it_is(lwr4, moving):
@@ -197,7 +223,10 @@ def test_an_unknown_state_leaves_gravity_asks_for_brakes_and_holds_where_it_is_k
     bench.set(dynamics=bench.terms.unknown())
     np.testing.assert_allclose(bench.torque, before, atol=1e-9)
     assert bench.status == SystemStatus.BRAKES_ON
-    bench.run(50)
+    # What is foreseen to be left of the momentum is taken out, and gone soon.
+    braking = bench.terms.M @ (-30.0 * bench.terms.v) + bench.terms.g
+    np.testing.assert_allclose(bench.torque - bench.read("transition"), braking, atol=1e-9)
+    bench.run(200)
     np.testing.assert_allclose(bench.torque, bench.terms.g, atol=1e-6)
     elsewhere = evaluate_dynamics(lwr4, moving[0] + 0.1, np.zeros(7))
     bench.run(2, dynamics=elsewhere)
@@ -258,6 +287,7 @@ def test_a_clone_goes_its_own_way(lwr4, moving):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
+        ("yield_travel", 0.0), ("rest_speed", np.nan),
         ("hold_stiffness", -1.0), ("hold_damping", np.inf), ("yield_damping", [10.0, -1.0]), ("transition_time", 0.0),
         ("brake_time", 0.0), ("recovery_time", np.nan), ("period", 0.0),
     ],
@@ -267,7 +297,7 @@ def test_bad_parameters_name_the_field(field, value):
         CommandSwitchParameters(**{field: value})
 
 
-@pytest.mark.parametrize("name", ["hold_stiffness", "hold_damping", "yield_damping"])
+@pytest.mark.parametrize("name", ["hold_stiffness", "yield_stiffness", "yield_damping", "yield_travel"])
 def test_gains_of_the_wrong_size_are_named(lwr4, name):
     with pytest.raises(ParameterError, match=name):
         CommandSwitch(lwr4, CommandSwitchParameters(**{name: [1.0, 2.0]}))

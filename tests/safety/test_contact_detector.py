@@ -93,8 +93,22 @@ def test_noise_raises_the_threshold_to_its_multiple():
     assert bench.read("contact") == 1.0
 
 
+def test_uncertainty_and_measured_noise_raise_the_threshold():
+    """What the model may lack is added; a noise that is measured counts like that of the parameter."""
+    bench = detector(threshold=1.0, noise_multiple=5.0)
+    bench.set(torque_uncertainty=joint(0.7), torque_external=joint(1.69))
+    assert bench.read("contact") == 0.0
+    bench.set(torque_external=joint(1.71))
+    assert bench.read("contact") == 1.0
+    bench = detector(threshold=1.0, noise_multiple=5.0)
+    bench.set(torque_noise=joint(0.4), torque_uncertainty=joint(0.5), torque_external=joint(2.49))
+    assert bench.read("contact") == 0.0
+    bench.set(torque_external=joint(2.51))
+    assert bench.read("contact") == 1.0
+
+
 def test_measured_noise_gives_no_false_contact():
-    """Six standard deviations of the measured noise: silent over 20000 samples that a bare threshold would not pass."""
+    """Five standard deviations of measured noise: silent over 20000 samples that a bare threshold would not pass."""
     rng = np.random.default_rng(0)
     sigma = np.linspace(0.1, 0.7, 7)
     noise = residual_noise(rng.normal(size=(5000, 7)) * sigma)

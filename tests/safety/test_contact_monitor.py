@@ -210,12 +210,24 @@ def test_felt_but_not_seen_yields(start, request):
     assert not s.read("active_contact").found
 
 
-def test_yield_ends_where_it_is_released(situation, lwr4):
+def test_yielding_goes_on_until_the_released_arm_is_at_rest_and_holds_where_it_was_felt(situation, lwr4):
+    """No posture is latched on the way, so that touch after touch it does not creep."""
     s = situation()
     s.after(touched=1.0)
     assert s.after(20, bent=0.2) == YIELD
-    assert s.after(touched=0.0) == HOLD
-    np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home + 0.2)
+    assert s.after(100, touched=0.0, bent=0.1, speed=0.1) == YIELD
+    settle = round(PARAMS.settle_time / PERIOD)
+    assert s.after(settle - 1, bent=0.0) == YIELD
+    assert s.after(2) == HOLD
+    np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home)
+
+
+def test_yielding_ends_at_the_return_timeout(situation):
+    """Something keeps the arm moving though nobody is felt."""
+    s = situation(return_timeout=0.5)
+    s.after(touched=1.0)
+    assert s.after(99, touched=0.0, bent=0.1, speed=0.1) == YIELD
+    assert s.after(3) == HOLD
 
 
 def test_contact_seen_later_began_where_it_was_felt(situation, lwr4):
@@ -224,6 +236,17 @@ def test_contact_seen_later_began_where_it_was_felt(situation, lwr4):
     assert s.after(5, bent=0.2) == YIELD
     assert s.after(point=seen()) == CONTACT
     np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home)
+
+
+def test_a_contact_that_is_felt_but_seen_no_more_yields_in_time(situation, lwr4):
+    """A residual that does not let go is no proof that somebody is there; by default it is answered on."""
+    s, patient = situation(unseen_time=0.15), situation()
+    for each in (s, patient):
+        each.after(touched=1.0, point=seen())
+        assert each.after(29, point=NOTHING, bent=0.1) == CONTACT
+    assert s.after(2) == YIELD
+    np.testing.assert_array_equal(s.interaction.q_latched, lwr4.home + 0.1)
+    assert patient.after(200) == CONTACT
 
 
 # ---- stop ----------------------------------------------------------------------------------------------------------

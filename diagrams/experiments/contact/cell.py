@@ -103,7 +103,9 @@ def add_contact_cell(
     position, velocity, image, time = (
         system.GetOutputPort(name) for system, names in zip((joints, sampler), ports) for name in names
     )
-    state = own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope)
+    state = own_joint_state(
+        builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
+    )
     measured = ContactMeasurements(position, velocity, image, time, state)
     pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from experiments.evidence.benchmarks import run_benchmarks
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
-from experiments.evidence.gate_run import check
+from experiments.evidence.gate import check
 from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import date
+from pathlib import Path
 from typing import Any
 
-from experiments.evidence.results_file import Results
-from experiments.evidence.runs import Job, Run
+from experiments.evidence.discovery import Script, select
+from experiments.evidence.progress import Progress, minutes
+from experiments.evidence.recording import Say, seconds_of
+from experiments.evidence.results_file import Results, read_results
+from experiments.evidence.runs import Job, Run, run_all
 from experiments.evidence.summary import Bound, allowed_difference, bound_text, is_bounded, missed_by
 from saphari_drake.simulation.runner.results import TIMING
 
@@ -90,3 +94,37 @@ def moved_bound(bound: Bound, recorded: Bound) -> bool:
 def text(value: float | None) -> str:
     """Return a figure with four digits."""
     return "no value" if value is None else f"{value:.4g}"
+
+
+def check(
+    scripts: Mapping[str, Script],
+    only: Sequence[str],
+    results_path: Path,
+    out: Path,
+    workers: int,
+    keep: bool,
+    say: Say,
+    main: str = MAIN_SCRIPT,
+) -> list[str]:
+    """Run every case with its default seed, and the main script with the seed of the day; return what fails."""
+    results, pairs, seed = read_results(results_path), select(scripts, only), seed_of_the_day(date.today())
+    say(f"seed of the day: {seed}")
+    jobs = gate_jobs(pairs, seed, results, main)
+    progress = Progress(jobs, seconds_of(results), workers)
+    every = select(scripts, [])
+    gone = [pair for pair in seconds_of(results) if pair not in every] if not only else []
+    lines = [f"{script}/{case}: recorded, but no script has it; run report.py" for script, case in gone]
+    paths = {name: script.path for name, script in scripts.items()}
+    try:
+        for run in run_all(jobs, paths, out, workers, keep):
+            say(progress.line(run))
+            lines += failures(run, results)
+    except KeyboardInterrupt:
+        say(
+            "\n".join(
+                [f"gate: stopped after {minutes(progress.elapsed)}; failures so far: {len(lines)}", *sorted(lines)]
+            )
+        )
+        raise
+    say(f"gate: {len(jobs)} runs in {minutes(progress.elapsed)}")
+    return sorted(lines)

@@ -38,7 +38,7 @@ class GuidingCellParameters(PlantParameters):
     # What the arm takes: torque, or position, to which its own stiff servo then holds.
     interface: str = "torque"
     servo: PositionServoParameters = field(default_factory=PositionServoParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(default_factory=lambda: JointSensorParameters(position_resolution=1e-6))
     skin_layout: SkinLayoutParameters = field(default_factory=SkinLayoutParameters)
     skin_sensor: SkinSensorParameters = field(default_factory=SkinSensorParameters)
@@ -100,7 +100,9 @@ def add_guiding_cell(
         wrist.GetOutputPort("wrench_sensor"),
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
-        own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.pipeline.envelope),
+        own_joint_state(
+            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
+        ),
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)

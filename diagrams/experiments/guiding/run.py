@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class GuidingRecordingParameters(RecordingParameters):
-    """How a recorded force is played to the end effector. All A."""
+    """How a recorded force is played to the end effector. All assumed."""
 
     peak: float = 8.0
     # Whether its mean is taken out, so that the arm comes back to about where it started.

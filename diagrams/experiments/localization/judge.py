@@ -11,7 +11,7 @@ from experiments.localization.parameters import KINDS
 from experiments.localization.published import published_localization
 from experiments.localization.pushes import torque_noise, wandering_forces
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
-from experiments.localization.scenes import ContactScenes, Touch
+from experiments.localization.scenes import ContactScenes, DrawnTouch
 from saphari_drake.perception.camera.frames import instant
 from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.places import PlaceFinder
@@ -63,7 +63,7 @@ def judged_scene(
     scenario: ContactLocalizationScenario,
     scenes: ContactScenes,
     localizer: Localizer,
-    touches: list[Touch],
+    touches: list[DrawnTouch],
     images: list[NDArray[np.float32]],
     rng: np.random.Generator,
 ) -> tuple[list[Row], Shown]:

@@ -17,7 +17,7 @@ KINDS = ("finger", "fist", "forearm")
 
 @dataclass
 class SceneParameters:
-    """How scenes are drawn. Ranges are [low, high], uniform. All A."""
+    """How scenes are drawn. Ranges are [low, high], uniform. All assumed."""
 
     # Hands of different size that are drawn from (≥ 1), and their dimensions (m).
     hands: int = 6

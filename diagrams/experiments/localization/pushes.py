@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.localization.parameters import SceneParameters
-from experiments.localization.scenes import Touch
+from experiments.localization.scenes import DrawnTouch
 
 Array = NDArray[np.float64]
 
 
-def wandering_forces(rng: np.random.Generator, touch: Touch, frames: int, p: SceneParameters) -> Array:
+def wandering_forces(rng: np.random.Generator, touch: DrawnTouch, frames: int, p: SceneParameters) -> Array:
     """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
     inward = -touch.n_L
     size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())

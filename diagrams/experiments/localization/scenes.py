@@ -29,7 +29,7 @@ _SKIN = np.array([0.85, 0.65, 0.52, 1.0])
 _AWAY = RigidTransform([0.0, 0.0, -50.0])
 
 
-class Touch(NamedTuple):
+class DrawnTouch(NamedTuple):
     """The truth of one contact, and how the person's hand lies.
 
     Attributes
@@ -132,14 +132,14 @@ class ContactScenes:
         return evaluate_dynamics(self.robot, q, np.zeros(self.robot.n))
 
     def draw(self, rng: np.random.Generator, link: int, kind: str, q: Array | None = None,
-             other: Touch | None = None) -> Touch:  # fmt: skip
+             other: DrawnTouch | None = None) -> DrawnTouch:  # fmt: skip
         """Draw a contact on a link that hands and robot can take without touching elsewhere.
 
         Parameters
         ----------
         q : (n,) array, optional
             Posture; default: random.
-        other : Touch, optional
+        other : DrawnTouch, optional
             Contact of the other hand at that posture, from which this one keeps 15 cm away.
         """
         shapes, own = self.robot.shapes, np.flatnonzero(self.robot.shapes.link == link)
@@ -166,7 +166,7 @@ class ContactScenes:
             R_WL, p_WL = terms.R_WL[link], terms.p_WL[link]
             X_LH = RigidTransform(RotationMatrix(R_WL), p_WL).inverse() @ X_WH
             v = rng.uniform(-1.0, 1.0, self.robot.n) * self.params.speed
-            return Touch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LH)
+            return DrawnTouch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LH)
         raise ParameterError("posture", f"no contact of a {kind} on {self.robot.link_names[link]} could be drawn")
 
     def _posture(self, rng: np.random.Generator) -> Array:
@@ -206,7 +206,7 @@ class ContactScenes:
 
     # ---- what sensors show --------------------------------------------------------------------------------------
 
-    def pose(self, touches: list[Touch], q: Array) -> None:
+    def pose(self, touches: list[DrawnTouch], q: Array) -> None:
         """Put the robot at q and the hands where they touch it, all others away."""
         terms = self.poses(q)
         placed = {}
@@ -216,12 +216,12 @@ class ContactScenes:
         self._place(placed)
         self.plant.SetPositions(self._plant_context, self._arm, q)
 
-    def positions(self, touches: list[Touch], q: Array) -> Array:
+    def positions(self, touches: list[DrawnTouch], q: Array) -> Array:
         """Return all positions of the plant with the robot at q and the hands where they touch it."""
         self.pose(touches, q)
         return self.plant.GetPositions(self._plant_context)
 
-    def images(self, touches: list[Touch], q: Array) -> list[Depth]:
+    def images(self, touches: list[DrawnTouch], q: Array) -> list[Depth]:
         """Return the exact depth image of each camera with the robot at q and the hands where they touch it."""
         self.pose(touches, q)
         return [
@@ -237,7 +237,7 @@ class ContactScenes:
         """Return an image as a Kinect would measure it."""
         return add_kinect_noise(image, rng, self.params.noise, self.cameras[camera])
 
-    def visible(self, image: Depth, camera: int, touch: Touch, q: Array) -> bool:
+    def visible(self, image: Depth, camera: int, touch: DrawnTouch, q: Array) -> bool:
         """Whether the camera sees enough of the person beside the contact, in an exact image."""
         terms, p = self.poses(q), self.params
         p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L

@@ -1,7 +1,7 @@
 """The cell of Section 3: a simulated robot, driven by joint velocities that a predictive controller commands."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,13 @@ from saphari_drake.control.joint_servo import JointServoParameters, JointVelocit
 from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import ObstaclePoints
+from saphari_drake.parameters import diagonal, require_choice
 from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
+from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
+from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters
+from saphari_drake.safety.verified_stop.system import VerifiedStop
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -37,10 +43,18 @@ class NmpcCellParameters(PlantParameters):
     """The simulated robot, its servo and its controller. The plant's step is the cycle of joint sensor and servo."""
 
     controller: NmpcParameters = field(default_factory=NmpcParameters)
-    # Commands are steps, held over a control period: fed forward they would be impulses.
-    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, feedforward=0.0))
+    envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
+    # What stands behind every command: "things" stops before what the obstacles are predicted to do, "people" before
+    # all that people could do; "off", or a robot without shapes: nothing.
+    verified_stop: str = "things"
+    stop: VerifiedStopParameters = field(default_factory=VerifiedStopParameters)
+    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0))
     # How a camera sees the obstacles, if they are not told.
     watch: ObstacleWatch = field(default_factory=ObstacleWatch)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_choice(self, "verified_stop", ("off", "things", "people"))
 
 
 class TimedController(NmpcController):
@@ -77,7 +91,7 @@ def build_nmpc(
     seen: bool = False,
     truth: Truth | None = None,
 ) -> NmpcCell:
-    """Build the diagram: sensor → controller → servo → torques of the plant. The robot starts at home.
+    """Build the diagram: sensor → controller → envelope → verified stop → servo → torques. The robot starts at home.
 
     Parameters
     ----------
@@ -92,10 +106,11 @@ def build_nmpc(
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
-    controller = builder.AddNamedSystem(
-        "controller", TimedController(robot, job.end_effector, job.points, params.controller)
-    )
+    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
+    within = acceleration_within(params.controller, envelope.bounds.acceleration)
+    controller = builder.AddNamedSystem("controller", TimedController(robot, job.end_effector, job.points, within))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
+    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, params.servo.period))
     period, horizon = params.controller.period, params.controller.horizon
     reference = builder.AddNamedSystem(
         "reference", Reference({"reference": lambda time: job.horizon_reference(time, period, horizon)})
@@ -118,15 +133,31 @@ def build_nmpc(
         known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position, truth)
     builder.Connect(known, controller.GetInputPort("obstacles"))
     command = controller.GetOutputPort("velocity_commanded")
-    torque = servo.GetOutputPort("torque_commanded")
+    torque = limit.GetOutputPort("torque_applied")
     if params.controller.nonholonomic:
         _add_wheels(builder, params, cell, cell.torque_driving or torque, truth)
-    builder.Connect(command, servo.GetInputPort("velocity_commanded"))
+    builder.Connect(position, envelope.GetInputPort("position_measured"))
+    builder.Connect(command, envelope.GetInputPort("velocity_commanded"))
+    applied, guarded = envelope.GetOutputPort("velocity_applied"), params.verified_stop != "off" and params.geometry
+    if guarded:
+        braking = replace(params.stop, motion=params.envelope)
+        stop = builder.AddNamedSystem("verified_stop", VerifiedStop(robot, braking))
+        builder.Connect(applied, stop.GetInputPort("velocity_commanded"))
+        builder.Connect(position, stop.GetInputPort("position_measured"))
+        builder.Connect(known, stop.GetInputPort(params.verified_stop))
+        applied = stop.GetOutputPort("velocity_applied")
+    builder.Connect(applied, servo.GetInputPort("velocity_commanded"))
+    builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(torque, cell.torque_input)
     fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
-    fast.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm, N")
+    fast.add("velocity_applied", applied, "rad/s, m/s")
+    if guarded:
+        fast.add("stop_status", stop.GetOutputPort("status"), "1")
+        fast.add("stop_margin", stop.GetOutputPort("margin"), "m")
+    fast.add("envelope", envelope.GetOutputPort("status"), "1")
+    fast.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm, N")
     for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m")):
         slow.add(name, controller.GetOutputPort(name), unit)
     slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
@@ -135,6 +166,12 @@ def build_nmpc(
     inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
+
+
+def acceleration_within(controller: NmpcParameters, acceleration: Array) -> NmpcParameters:
+    """Return the parameters with accelerations that an envelope lets through: nine tenths of its own at most."""
+    wanted = diagonal(controller.acceleration_max, len(acceleration), "acceleration_max")
+    return replace(controller, acceleration_max=np.minimum(wanted, 0.9 * acceleration).tolist())
 
 
 KNOWN = 48  # obstacle points that are logged, at most

@@ -27,7 +27,7 @@ def pose_controller() -> NmpcParameters:
     """Return weights for a pose that is reached and kept."""
     return NmpcParameters(
         Q_v=[0.05], Q_q=[1e-4], R_q=[1e-4], Q_e=_POSE, R_e=[5.0 * w for w in _POSE], velocity_scale=[0.5],
-        clearance_margin=0.001, retreat=True,
+        clearance_margin=0.001, retreat=True, ramp=1.0,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from saphari_drake.math.curves import quintic
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
 from saphari_drake.simulation.people.motion import HumanMotionParameters, HumanPath
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ class MobilePathParameters:
     end: float = 6.0
     # m; height of the path. The published problem.
     height: float = 1.2
-    # m; how far the path of the case nonholonomic moves sideways, and between which y it does. A.
+    # m; how far the path of the case nonholonomic moves sideways, and between which y it does. Assumed.
     shift: float = 0.4
     shift_from: float = 1.0
     shift_to: float = 4.0
@@ -54,7 +55,15 @@ def problem_controller() -> NmpcParameters:
         R_q=[0.1],
         velocity_scale=[1.0, 1.0, 1.0, *[0.5] * 7],
         clearance_margin=0.005,
+        acceleration_max=[1.0, 1.0, 1.0, *[5.0] * 7],
+        ramp=1.0,
     )
+
+
+def problem_cell() -> NmpcCellParameters:
+    """Return a cell whose platform is asked for 1 m/s² and 1 rad/s² at most, and its arm for 8 rad/s²."""
+    envelope = VelocityEnvelopeParameters(acceleration_max=[1.0, 1.0, 1.0, *[8.0] * 7])
+    return NmpcCellParameters(controller=problem_controller(), envelope=envelope)
 
 
 @dataclass
@@ -62,10 +71,10 @@ class MobileParameters:
     """The mobile manipulator's job, its cell and the person."""
 
     path: MobilePathParameters = field(default_factory=MobilePathParameters)
-    cell: NmpcCellParameters = field(default_factory=lambda: NmpcCellParameters(controller=problem_controller()))
+    cell: NmpcCellParameters = field(default_factory=lambda: problem_cell())
     # Of the cases human and human_seen.
     person: HumanMotionParameters = field(default_factory=person_beside_the_path)
-    # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. A.
+    # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. Assumed.
     reaction: float = 0.3
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.nmpc.mobile import MobileParameters, controller_for
 from experiments.nmpc.run import NmpcRun, counts, known_obstacles, margins, stoppable_clearance, timing
+from saphari_drake.control.nmpc.kinematics import ramp_mean
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.messages import ObstaclePoints, ObstacleStatus
@@ -56,10 +57,12 @@ def free_tracking_error(run: NmpcRun, params: MobileParameters) -> float:
         time = k * period
         reference = job.horizon_reference(time, period, controller.horizon)
         memory = nmpc_step(problem, memory, q, reference, ObstaclePoints(), 0.0)
-        for share in (0.0, 0.5):
-            tip = problem.end_effector_pose(q + share * period * memory.command)[1]
+        ramp = controller.ramp * period
+        ways = [t * ramp_mean(memory.before, memory.command, ramp, t) for t in (0.0, 0.5 * period, period)]
+        for share, way in zip((0.0, 0.5), ways):
+            tip = problem.end_effector_pose(q + way)[1]
             errors.append(np.linalg.norm(tip - job.reference(time + share * period)[1]))
-        q = q + period * memory.command
+        q = q + ways[-1]
     return float(np.mean(errors))
 
 

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
@@ -33,17 +31,11 @@ def _ceiling_camera() -> CameraParameters:
 class ObstacleWatch:
     """The camera, and what makes obstacle points of its images."""
 
-    # Above and behind a person who stands beside the path of Fig. 2. A Kinect with half its resolution and rate. A.
+    # Above and behind a person who stands beside the path of Fig. 2. A Kinect at half resolution and rate. Assumed.
     camera: CameraParameters = field(default_factory=_ceiling_camera)
     sampler: SamplerParameters = field(default_factory=SamplerParameters)
     vision: SegmentationParameters = field(default_factory=SegmentationParameters)
     tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
-
-
-def empty_background(params: ObstacleWatch) -> NDArray[np.float32]:
-    """Return the background depth image (m) from noisy frames of the cell without robot and person."""
-    images = scan_background(None, Floor(FLOOR), params.camera, params.sampler.noise)
-    return background_depth(images, params.vision)
 
 
 def add_obstacle_watch(
@@ -57,7 +49,10 @@ def add_obstacle_watch(
     """Add camera, sampler and tracker to a diagram whose geometry is complete; return the obstacle points they see."""
     camera = add_depth_camera(builder, scene_graph, params.camera)
     sampler = builder.AddNamedSystem("camera_sampler", DepthCameraSampler(params.camera, truth.sampler(params.sampler)))
-    background = empty_background(params)
+    # Learnt before the robot and a person are there.
+    background = background_depth(
+        scan_background(None, Floor(FLOOR), params.camera, params.sampler.noise), params.vision
+    )
     tracker = builder.AddNamedSystem(
         "obstacle_tracker", ObstacleTracker(job.robot, params.camera, params.tracker, params.vision, background)
     )

@@ -46,7 +46,7 @@ class NullSpaceCellParameters(NullSpacePipelineParameters):
     """World, sensor and pipeline."""
 
     cell: ObstacleCellParameters = field(default_factory=ObstacleCellParameters)
-    # The arm reports position with its own velocity; the steps are those of a fine encoder. A.
+    # The arm reports position with its own velocity; the steps are those of a fine encoder. Assumed.
     joint_sensor: JointSensorParameters = field(
         default_factory=lambda: JointSensorParameters(position_resolution=1e-6, differentiate=True)
     )
@@ -76,7 +76,7 @@ def add_null_space_cell(
     params.__post_init__()  # the sensor takes the period
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    state = own_joint_state(builder, robot, cell, truth.joint_sensor(params.joint_sensor), params.envelope)
+    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.envelope, params.momentum, truth)
     ports = sensor.get_output_port(0), sensor.get_output_port(1)
     pipeline = add_null_space_pipeline(builder, robot, *ports, params, state)
     builder.Connect(pipeline.torque_output, cell.torque_input)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class StraightMotionParameters:
-    """Line and timing. All A."""
+    """Line and timing. All assumed."""
 
     # m; to the far end, in the world.
     displacement: list[float] = field(default_factory=lambda: [0.0, 0.2, 0.0])

@@ -35,7 +35,7 @@ NO_TARGETS = np.zeros((0, 6))
 
 @dataclass
 class PlanarParameters:
-    """The job of Fig. 4. Points and bounds: the deliverable; the rest: A."""
+    """The job of Fig. 4. Points and bounds: the deliverable; the rest: assumed."""
 
     # m; points in the plane that the end effector goes to, one after the other.
     goals: list[list[float]] = field(default_factory=lambda: [[4.0, 3.0], [2.0, -3.0]])

@@ -21,6 +21,7 @@ from saphari_drake.control.reverse_priority.tasks import (
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
 from saphari_drake.simulation.faults.people import course
 from saphari_drake.simulation.world.profile import Truth
 
@@ -29,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class ThreeLevelParameters:
-    """Job and surroundings; A."""
+    """Job and surroundings; assumed."""
 
     # Frames whose origins keep clear of the person.
     guarded: list[str] = field(default_factory=lambda: ["link_4", "link_5", "link_6", "link_7"])
@@ -57,7 +58,10 @@ class ThreeLevelParameters:
     elbow_centre: list[float] = field(default_factory=lambda: [0.25, 0.25, 0.10])
     # 1/s, on the position error of the end effector.
     gain: float = 5.0
-    controller: ReversePriorityParameters = field(default_factory=lambda: ReversePriorityParameters(period=0.001))
+    controller: ReversePriorityParameters = field(
+        default_factory=lambda: ReversePriorityParameters(period=0.001, acceleration_max=[10.0])
+    )
+    envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     servo: JointServoParameters = field(default_factory=JointServoParameters)
 
     def __post_init__(self) -> None:

@@ -14,6 +14,8 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.safety.torque_limit import TorqueLimit
+from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -40,7 +42,7 @@ class ThreeLevelCell(NamedTuple):
 
 
 def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth: Truth | None = None) -> ThreeLevelCell:
-    """Build the diagram: sensor → dynamics and controller → servo → torques of the plant, all at the same cycle."""
+    """Build the diagram: sensor → dynamics and controller → envelope → servo → torques, all at the same cycle."""
     robot, params, truth = job.robot, job.params, truth or Truth()
     period = params.controller.period
     builder = DiagramBuilder()
@@ -49,18 +51,23 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
+    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
+    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, period))
     path = builder.AddNamedSystem("path", Reference({"value": lambda t: circle_reference(job, t)}, period))
     person = builder.AddNamedSystem("person", Reference({"value": job.person}, period))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
     for name in ("position_measured", "velocity_measured"):
         builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
-    builder.Connect(sensor.GetOutputPort("position_measured"), controller.GetInputPort("position_measured"))
+    for system in (controller, envelope):
+        builder.Connect(sensor.GetOutputPort("position_measured"), system.GetInputPort("position_measured"))
     builder.Connect(path.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(person.GetOutputPort("value"), controller.GetInputPort("targets"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
-    builder.Connect(controller.GetOutputPort("velocity_commanded"), servo.GetInputPort("velocity_commanded"))
-    builder.Connect(servo.GetOutputPort("torque_commanded"), cell.torque_input)
+    builder.Connect(controller.GetOutputPort("velocity_commanded"), envelope.GetInputPort("velocity_commanded"))
+    builder.Connect(envelope.GetOutputPort("velocity_applied"), servo.GetInputPort("velocity_commanded"))
+    builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
+    builder.Connect(limit.GetOutputPort("torque_applied"), cell.torque_input)
     recorder = record_robot(builder, cell, 0.001)
     recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
     recorder.add("person", person.GetOutputPort("value"), "m, m/s")
@@ -74,9 +81,9 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
         ("status", "1"),
     ):
         recorder.add(name, controller.GetOutputPort(name), unit)
-    recorder.add("torque", servo.GetOutputPort("torque_commanded"), "Nm")
-    recorder.add("torque_excess", servo.GetOutputPort("torque_excess"), "Nm")
     inject_into(builder, cell, truth)
+    recorder.add("torque", limit.GetOutputPort("torque_applied"), "Nm")
+    recorder.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm")
     show(builder, cell.scene_graph, meshcat)
     return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 

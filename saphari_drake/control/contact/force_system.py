@@ -32,7 +32,7 @@ _MODES = {
     ForceStatus.RELEASED: CommandMode.BRAKE,
     ForceStatus.SPEED_STOP: CommandMode.BRAKE,
     ForceStatus.UNSEEN: CommandMode.YIELD,
-    ForceStatus.NO_CAMERA: CommandMode.YIELD,
+    ForceStatus.NO_CAMERA: CommandMode.BRAKE,
 }
 
 
@@ -74,12 +74,13 @@ class ContactForceController(ContactController):
     stop_velocity : 3 (m/s, world), the velocity for which the speed stop acted; zero without a stop.
 
     In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
-    Yielding without a camera, or if the contact is not seen. Nothing returns to where it was touched: give the monitor
-    a short `return_timeout`, after which the arm holds where it came to rest.
+    Without a camera the same; yielding if the contact is not seen. Nothing returns to where it was touched: give the
+    monitor a short `return_timeout`, after which the arm holds where it came to rest.
 
     Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
     contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more. In
-    its first cycle the torque is still that of the law before: the velocity alone counts.
+    its first cycle the torque is still that of the law before: the velocity alone counts. The same stop ends it when
+    the contact has gone `follow_limit` after a hand that leaves.
     """
 
     def __init__(self, robot: RobotModel, params: ContactForceControlParameters | None = None) -> None:
@@ -93,8 +94,8 @@ class ContactForceController(ContactController):
         }
         super().__init__(robot, params, readouts)
         K_f, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_f", "K_d"))
-        lever, heaviest = params.misfit_lever, params.max_effective_mass
-        self.gains = law.ForceGains(K_f, K_d, self._M_d_inv, self._K_N, lever, heaviest)
+        masses = params.misfit_lever, params.max_effective_mass, params.least_effective_mass
+        self.gains = law.ForceGains(K_f, K_d, self._M_d_inv, self._K_N, *masses)
         self._params, self._fixed = params, np.array(params.fixed_force, dtype=float)
         self._unobservable = self.DeclareVectorInputPort("unobservable_directions", BasicVector(9))
         self._left = self.DeclareVectorInputPort("transition_left", BasicVector(robot.n))
@@ -117,6 +118,7 @@ class ContactForceController(ContactController):
             goes_on = memory.controlled in (None, idle.selection.key)
             if goes_on and self._left.HasValue(context):
                 acceleration = acceleration + point.Jv_WC @ np.linalg.solve(terms.M, self._left.Eval(context))
+            gate = gate.following(point.v_WC, F_d, params)
             gate = gate.checked(point.v_WC, acceleration if goes_on else np.zeros(3), params)
             status = ForceStatus.PARTIAL if np.any(hidden) else ForceStatus.CONTROLLED
             output = idle._replace(terms=parts, error=F - F_d, F_d=F_d, status=status, gate=gate)

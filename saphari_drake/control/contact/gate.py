@@ -23,7 +23,7 @@ class ForceStatus(IntEnum):
     RELEASED = 4  # braking to rest after the release
     SPEED_STOP = 5  # the contact would have become too fast, as when nobody resists the desired force: brake
     UNSEEN = 6  # touched, but not seen where: yield
-    NO_CAMERA = 7  # the camera is lost: compliant stop
+    NO_CAMERA = 7  # the camera is lost: brake to rest and stay there
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class ForceGate(Immutable):
     size: float = 0.0
     stopped: bool = False
     stop_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    followed: float = 0.0  # m; how far the contact has gone against the desired force since the gate opened
 
     def after(self, mode: InteractionMode, force: float, params: ContactForceControlParameters) -> Self:
         """Return the gate of the next cycle, with the estimated force of size `force` (N).
@@ -59,6 +60,8 @@ class ForceGate(Immutable):
         threshold = params.gate_off if self.open else params.gate_on
         if mode != InteractionMode.CONTACT or self.stopped or not force > threshold:
             return replace(self, open=False, size=0.0)
+        if not self.open:
+            self = replace(self, followed=0.0)
         size = params.desired_force
         if params.force_rate > 0.0:
             start, step = (self.size, params.force_rate * params.period) if self.open else (force, 0.0)
@@ -67,12 +70,21 @@ class ForceGate(Immutable):
 
     def checked(self, velocity: Array, acceleration: Array, params: ContactForceControlParameters) -> Self:
         """Return the gate, stopped if velocity and acceleration (3,) of the contact bring it near the speed limit."""
-        foreseen = velocity + params.stop_lead * acceleration
+        foreseen = velocity + (params.stop_lead + params.torque_delay) * acceleration
         worst = max(velocity, foreseen, key=lambda v: float(np.linalg.norm(v)))
         # A velocity that is not a number stops.
         if np.linalg.norm(foreseen) < np.inf and np.linalg.norm(worst) < params.stop_share * params.speed_limit:
             return self
         return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(worst))
+
+    def following(self, velocity: Array, F_d: Array, params: ContactForceControlParameters) -> Self:
+        """Return the gate, stopped if the contact has gone too far after the desired force F_d (3,) (N)."""
+        size = float(np.linalg.norm(F_d))
+        step = -params.period * float(velocity @ F_d) / size if size > 0.0 else 0.0
+        followed = max(self.followed + step, 0.0)
+        if followed < params.follow_limit:
+            return replace(self, followed=followed)
+        return replace(self, open=False, size=0.0, stopped=True, stop_velocity=np.array(velocity), followed=followed)
 
     def status(self, mode: InteractionMode) -> ForceStatus:
         """Return why no force is controlled."""

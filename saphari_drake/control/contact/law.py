@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.math.products import symmetric_eigen
 from saphari_drake.math.task_space import consistent_inverse
 from saphari_drake.robots.dynamics import DynamicsTerms
 from saphari_drake.robots.kinematics import PointKinematics
@@ -36,6 +37,22 @@ class ImpedanceGains(NamedTuple):
     K_N: Array  # (n,) 1/s
     misfit_lever: float  # m
     max_effective_mass: float  # kg
+    least_effective_mass: float = 0.0  # kg
+
+
+def eased(Lambda: Array, K: Array, least: float) -> Array:
+    """Return a gain (3, 3) that falls with the effective mass Λ (3, 3) of the contact where that is below `least` (kg).
+
+    K/Λ, the rate with which a sampled loop has to keep up, is then no larger than K/least: S K S with the eigenvalues
+    of S = min(1, Λ/least)^½. A contact that is heavy enough in all directions has K itself.
+    """
+    if least == 0.0:
+        return K
+    mass, U = symmetric_eigen(Lambda)
+    if mass[0] >= least:
+        return K
+    S = (U * np.sqrt(np.clip(mass / least, 0.0, 1.0))) @ U.T
+    return np.asarray(S @ K @ S)
 
 
 def contact_impedance_torque(
@@ -69,7 +86,10 @@ def contact_impedance_torque(
     """
     J = point.Jv_WC
     Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
-    spring = gains.K_p @ (p_desired - point.p_WC) - gains.K_d @ point.v_WC
+    K_p, K_d = gains.K_p, gains.K_d
+    if gains.M_d_inv is None:
+        K_p, K_d = (eased(Lambda, K, gains.least_effective_mass) for K in (K_p, K_d))
+    spring = K_p @ (p_desired - point.p_WC) - K_d @ point.v_WC
     if gains.M_d_inv is None:
         task, force = J.T @ (spring - Lambda @ point.Jdotv_WC), np.zeros(len(terms.q))
     else:
@@ -90,6 +110,7 @@ class ForceGains(NamedTuple):
     K_N: Array  # (n,) 1/s
     misfit_lever: float  # m
     max_effective_mass: float  # kg
+    least_effective_mass: float = 0.0  # kg
 
 
 def contact_force_torque(
@@ -118,7 +139,10 @@ def contact_force_torque(
     """
     J = point.Jv_WC
     Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
-    wanted = gains.K_f @ (F - F_d) - gains.K_d @ point.v_WC
+    K_f, K_d = gains.K_f, gains.K_d
+    if gains.M_d_inv is None:
+        K_f, K_d = (eased(Lambda, K, gains.least_effective_mass) for K in (K_f, K_d))
+    wanted = K_f @ (F - F_d) - K_d @ point.v_WC
     if gains.M_d_inv is None:
         M_inv_JT = np.linalg.solve(terms.M, J.T)
         acceleration, force = J @ (M_inv_JT @ wanted), wanted

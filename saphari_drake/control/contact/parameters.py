@@ -27,10 +27,13 @@ class ContactImpedanceParameters:
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 20.0
     # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
-    # that force, which is what a contact point that is wrong by as much explains. 0: none, as in the deliverable. A.
+    # that force, which is what a contact point wrong by as much explains. 0: none, as published. Assumed.
     misfit_lever: float = 0.03
-    # kg, bound of the effective mass near singular directions of the contact. A.
+    # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
+    # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
+    # be: K_d over it stays below half of 1/period. Assumed.
+    least_effective_mass: float = 0.8
     # s; the control cycle.
     period: float = 0.005
 
@@ -54,27 +57,35 @@ class ContactForceControlParameters:
     # Ns/m, damping at the contact along the world's axes; one value or three.
     K_d: list[float] | float = 10.5
     # kg, desired inertia along the world's axes; empty: the natural one, eq. (57). Chosen equal in all directions, so
-    # that the contact moves along the force error; the deliverable does not give it. A.
+    # that the contact moves along the force error; the deliverable does not give it. Assumed.
     M_d: list[float] = field(default_factory=lambda: [10.0, 10.0, 10.0])
     # 1/s, damping of self-motion; one value or one a joint.
     K_N: list[float] | float = 15.0
-    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. A.
+    # N; the force is controlled once the estimate exceeds the first, and until it falls below the second. Assumed.
     gate_on: float = 3.0
     gate_off: float = 1.5
-    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as in the deliverable. A.
+    # N/s; the aligned force grows at this rate from the estimate at the gate. 0: at once, as published. Assumed.
     force_rate: float = 10.0
-    # N; the aligned force exceeds the estimate by no more, so that the robot does not run after a hand that leaves. A.
+    # N; the aligned force exceeds the estimate by no more, lest the robot run after a hand that leaves. Assumed.
     max_deficit: float = 4.0
     # m/s; the force control never moves the contact point faster (a person still can). As in ISO 10218 for guidance.
     speed_limit: float = 0.25
     # A speed that reaches this share of the limit, now or within the next `stop_lead` seconds, stops the robot until it
-    # is released: measured velocity is late, and so is the answer to it. A.
+    # is released: measured velocity is late, and so is the answer to it. Assumed.
     stop_share: float = 0.9
     stop_lead: float = 0.02
-    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. A.
+    # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
+    # Assumed.
+    follow_limit: float = 0.2
+    # s; how much later than it is commanded a torque acts; the stop looks ahead farther by as much.
+    torque_delay: float = 0.0
+    # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
     misfit_lever: float = 0.03
-    # kg, bound of the effective mass near singular directions of the contact. A.
+    # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
+    # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
+    # be: K_d over it stays below half of 1/period. Assumed.
+    least_effective_mass: float = 0.2
     # N/m and Ns/m; the hand that is expected. Stiffness 0: not stated; otherwise `check_hand` warns if it is too stiff.
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0
@@ -87,7 +98,8 @@ class ContactForceControlParameters:
         if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
         require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
-        require_non_negative(self, "force_rate", "hand_stiffness", "hand_damping")
+        require_positive(self, "follow_limit")
+        require_non_negative(self, "torque_delay", "force_rate", "hand_stiffness", "hand_damping")
         if not 0.0 < self.stop_share <= 1.0:
             raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
         if self.gate_off >= self.gate_on:
@@ -100,5 +112,5 @@ def _check_gains(params: ContactImpedanceParameters | ContactForceControlParamet
     diagonal(params.K_N, np.size(params.K_N), "K_N")
     if len(params.M_d):
         positive_definite(params.M_d, 3, "M_d")
-    require_non_negative(params, "misfit_lever")
+    require_non_negative(params, "misfit_lever", "least_effective_mass")
     require_positive(params, "max_effective_mass", "period")

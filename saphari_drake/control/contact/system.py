@@ -31,6 +31,11 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import declare_cache, declare_outputs, declare_readouts
 
 Array = NDArray[np.float64]
+_MODES = {
+    InteractionMode.HOLD: CommandMode.HOLD,
+    InteractionMode.YIELD: CommandMode.YIELD,
+    InteractionMode.STOP: CommandMode.BRAKE,
+}
 ANSWERED = (InteractionMode.CONTACT, InteractionMode.RETURN)
 
 
@@ -142,21 +147,20 @@ class ContactImpedanceController(ContactController):
     selection : abstract `Selection`, for `CommandSwitch`.
 
     In contact and return: `contact_impedance_torque`, with x_d where the contact point was when the contact began.
-    Else Coriolis and gravity terms, in favour of a posture held, or yielding.
+    Else Coriolis and gravity terms, in favour of a posture held, yielding, or a stop.
     """
 
     def __init__(self, robot: RobotModel, params: ContactImpedanceParameters | None = None) -> None:
         params = params or ContactImpedanceParameters()
         super().__init__(robot, params, {"position_error": (3, lambda o: o.error)})
         K_p, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_p", "K_d"))
-        lever, heaviest = params.misfit_lever, params.max_effective_mass
-        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, lever, heaviest)
+        masses = params.misfit_lever, params.max_effective_mass, params.least_effective_mass
+        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, *masses)
 
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:
         now: Interaction = self._interaction.Eval(context)
         if point is None:
-            mode = CommandMode.HOLD if now.mode == InteractionMode.HOLD else CommandMode.YIELD
-            return idle._replace(selection=replace(idle.selection, mode=mode))
+            return idle._replace(selection=replace(idle.selection, mode=_MODES[now.mode]))
         terms, F, misfit = (port.Eval(context) for port in (self._dynamics, self._force, self._misfit))
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)

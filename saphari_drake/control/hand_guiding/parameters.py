@@ -16,7 +16,7 @@ FEEDBACK = ("measured", "commanded")
 
 @dataclass
 class GuidedPointParameters:
-    """How one point answers the hand, and how far it may be led. All A."""
+    """How one point answers the hand, and how far it may be led. All assumed."""
 
     # kg and Ns/m; M_c and D_c of (48): one value, a diagonal in the world's axes, or a matrix.
     mass: list[float] = field(default_factory=lambda: [5.0, 5.0, 5.0])

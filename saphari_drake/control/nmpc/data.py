@@ -37,6 +37,7 @@ class HorizonData(NamedTuple):
     q_min: Array  # (n,)
     q_max: Array  # (n,)
     v_max: Array  # (n,)
+    change: Array  # (n,), largest change of velocity from one stage to the next; infinite: any
     guard: float  # m²
     cost_on: bool
     rows_on: bool
@@ -52,3 +53,4 @@ class Scene(NamedTuple):
     p_ref: Array  # (N + 1, 3)
     p_WO: Array  # (N + 1, m, 3), obstacles
     radius: Array  # (m,)
+    v0: Array  # (n,), velocity with which the horizon begins

@@ -168,13 +168,26 @@ def joint_velocity(data, q, u):
 
 
 @njit(cache=True)
-def motion_clearance(data, q, u, p_WO, v_WO, radius, extra, times):
+def ramped(u_before, u, ramp, time):
+    """Return the command (n,) a `time` (s) after it began to go from `u_before` to u, which takes `ramp` (s)."""
+    return u if time >= ramp else u_before + (time / ramp) * (u - u_before)
+
+
+@njit(cache=True)
+def ramp_mean(u_before, u, ramp, time):
+    """Return the mean of `ramped` (n,) from the beginning to `time` (s)."""
+    left = 1.0 - 0.5 * time / ramp if time < ramp else (0.5 * ramp / time if time > 0.0 else 0.0)
+    return u + left * (u_before - u)
+
+
+@njit(cache=True)
+def motion_clearance(data, q, u_before, u, ramp, p_WO, v_WO, radius, extra, times):
     """Return the smallest distance (m) beyond ``d_min − extra`` that any point has from any obstacle at `times` (s).
 
     Parameters
     ----------
-    u : (n,) array
-        Command, see `advance`.
+    u_before, u, ramp : (n,) arrays and float
+        Commands, see `ramped` and `advance`.
     p_WO, v_WO, radius : (m, 3), (m, 3) and (m,) arrays
         Obstacles at time 0.
     extra : float
@@ -183,7 +196,7 @@ def motion_clearance(data, q, u, p_WO, v_WO, radius, extra, times):
     at, x = empty_frames(q.shape[0]), np.empty(3)
     smallest = np.inf
     for time in times:
-        forward(data, advance(data, q, u, time), at)
+        forward(data, advance(data, q, ramp_mean(u_before, u, ramp, time), time), at)
         for i in range(data.link_C.shape[0]):
             place(at.R[data.link_C[i]], at.p[data.link_C[i]], data.p_MC[i], x)
             for o in range(radius.shape[0]):

@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.control.nmpc.data import Scene
-from saphari_drake.control.nmpc.kinematics import advance, command_to, motion_clearance
+from saphari_drake.control.nmpc.kinematics import advance, command_to, joint_velocity, motion_clearance
+from saphari_drake.control.nmpc.limits import feasible_start
 from saphari_drake.control.nmpc.parameters import NmpcReference, NmpcStatus
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.control.nmpc.rows import feasible_start
 from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_dense
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
@@ -49,8 +49,12 @@ class NmpcMemory(Immutable):
     ----------
     command, pending : (n,) arrays
         Commands of this period and, with delay compensation, of the next one; see `kinematics.advance`.
+    before : (n,) array
+        Command with which this period begins; with a ramp that goes to `command`, see `kinematics.ramped`.
     motion : (N + 1, n) array
-        Predicted positions, from now on.
+        Predicted positions, now and half a ramp after the end of each period.
+    since : float
+        Time (s) at which this period began.
     status : NmpcStatus
     slack, clearance : float
         Largest predicted violation of a distance constraint, and the smallest clearance in this period (m).
@@ -60,11 +64,13 @@ class NmpcMemory(Immutable):
 
     command: Array
     pending: Array
+    before: Array
     motion: Array
     status: NmpcStatus = NmpcStatus.WAITING
     slack: float = 0.0
     clearance: float = np.inf
     iterations: int = 0
+    since: float = 0.0
 
 
 class NmpcSolution(NamedTuple):
@@ -79,7 +85,7 @@ class NmpcSolution(NamedTuple):
 def at_rest(problem: NmpcProblem, q: Array) -> NmpcMemory:
     """Return the memory of a controller that has not run yet."""
     zero = np.zeros(problem.n)
-    return NmpcMemory(zero, zero, np.tile(q, (problem.N + 1, 1)))
+    return NmpcMemory(zero, zero, zero, np.tile(q, (problem.N + 1, 1)))
 
 
 def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | None = None) -> NmpcSolution:
@@ -96,7 +102,7 @@ def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | No
     """
     p, data = problem.params, problem.data
     if problem.program is not None:
-        Q, found = problem.program.solve(scene, feasible_start(data, scene.q0, guess))
+        Q, found = problem.program.solve(scene, feasible_start(data, scene, guess))
         return NmpcSolution(Q, _status(found, found == QpStatus.SOLVED, NmpcStatus.UNCONVERGED))
     if iterations is None:
         iterations = 1 if p.mode == "real_time" else p.max_iterations
@@ -115,7 +121,7 @@ def _status(found: QpStatus, converged: bool, stopped: NmpcStatus) -> NmpcStatus
 
 
 def brake(u: Array, a_max: Array, period: float) -> Array:
-    """Return a command (n,) scaled down as a whole, as fast as the acceleration limits allow in one period."""
+    """Return a command (n,) scaled down as a whole, as fast as the acceleration limits allow in that time (s)."""
     speed = np.abs(u)
     moving = speed > 0.0
     share = np.min(a_max[moving] * period / speed[moving], initial=1.0)
@@ -146,20 +152,24 @@ def nmpc_step(
     v_WO = np.ascontiguousarray(obstacles.v_WO, dtype=float)
     seen = obstacles.p_WO + age * v_WO, v_WO, np.ascontiguousarray(obstacles.radius, dtype=float)
 
-    def clearance(u: Array, instants: Array) -> float:
-        return float(motion_clearance(problem.data, q, u, *seen, p.clearance_margin, instants))
+    u, ramp = memory.command, p.ramp * p.period
+
+    def clearance(to: Array, instants: Array) -> float:
+        return float(motion_clearance(problem.data, q, u, to, ramp, *seen, p.clearance_margin, instants))
 
     times = p.period * np.arange(1, SUBSTEPS + 1) / SUBSTEPS
-    now = clearance(memory.command, np.zeros(1))
+    now = clearance(u, np.zeros(1))
     inside = now < -ROUNDING
     if inside and not p.retreat:
         return _braking(problem, memory, q, NmpcStatus.START_INSIDE, now)
     required = (now if inside else 0.0) - ROUNDING
     # With compensation, the command that was computed during the last period is applied now; the next starts where
-    # it leads.
+    # it leads, and half a ramp later: see `limits`.
     late = p.delay_compensation
-    start = advance(problem.data, q, memory.pending, p.period) if late else q
-    scene = problem.scene(start, reference, obstacles, age, first=int(late))
+    ahead, leading = advance(problem.data, q, u, 0.5 * ramp), memory.pending if late else u
+    start = advance(problem.data, ahead, leading, p.period) if late else ahead
+    v0 = joint_velocity(problem.data, start, leading)
+    scene = problem.scene(start, reference, obstacles, age, int(late), v0)
     before = memory.motion if memory.status != NmpcStatus.WAITING else q[None]
     guess = before[np.minimum(np.arange(2, problem.N + 2) + late, len(before) - 1)]
     solution = solve(problem, scene, guess)
@@ -180,20 +190,21 @@ def nmpc_step(
     elif solution.slack > 0.0:
         status = NmpcStatus.SLACK
     motion = np.vstack([q, start, solution.Q[:-1]] if late else [q, solution.Q])
-    command = memory.pending if late else upcoming
-    return NmpcMemory(command, upcoming, motion, status, solution.slack, min(now, left), solution.iterations)
+    command, left = memory.pending if late else upcoming, min(now, left)
+    return NmpcMemory(command, upcoming, u, motion, status, solution.slack, left, solution.iterations)
 
 
 def _braking(problem: NmpcProblem, memory: NmpcMemory, q: Array, status: NmpcStatus, clearance: float) -> NmpcMemory:
     """Return the memory of a step that slows down, with the stop that follows as predicted motion."""
     p = problem.params
-    command = brake(memory.command, problem.a_max, p.period)
+    before, time = memory.command, p.period * (p.ramp or 1.0)
+    command = brake(before, problem.a_max, time)
     motion, u = [q], command
     for _ in range(problem.N):
         motion.append(advance(problem.data, motion[-1], u, p.period))
-        u = brake(u, problem.a_max, p.period)
-    following = brake(command, problem.a_max, p.period)
-    return NmpcMemory(command, following, np.array(motion), status, 0.0, clearance)
+        u = brake(u, problem.a_max, time)
+    following = brake(command, problem.a_max, time)
+    return NmpcMemory(command, following, before, np.array(motion), status, clearance=clearance)
 
 
 def _fault(

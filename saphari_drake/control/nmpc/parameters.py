@@ -79,8 +79,11 @@ class NmpcParameters:
     home: list[float] = field(default_factory=list)
     # 0 … 1, share of the robot's velocity limits that is used; one value, or one a joint.
     velocity_scale: list[float] = field(default_factory=lambda: [1.0])
-    # rad/s² or m/s²; for braking. One value, or one a joint.
+    # rad/s² or m/s²; for braking, and with `ramp` for all that is commanded. One value, or one a joint.
     acceleration_max: list[float] = field(default_factory=lambda: [5.0])
+    # 0 … 1, share of a period over which a command goes from the one before to its own, with that acceleration at most;
+    # 0: at once, and by any amount, as published. See `limits`.
+    ramp: float = 0.0
     # SQP with the compiled "active_set" or with "daqp"; or "snopt" or "ipopt" on a MathematicalProgram of the whole
     # problem, whose distance constraints have no slack, and to which tolerance, mode and iterations do not apply.
     solver: str = "active_set"
@@ -110,6 +113,8 @@ class NmpcParameters:
                 raise ParameterError(name, f"must be at least 1, got {getattr(self, name)}")
         if np.max(self.velocity_scale) > 1.0:
             raise ParameterError("velocity_scale", f"must not exceed 1, got {self.velocity_scale}")
+        if not 0.0 <= self.ramp <= 1.0:
+            raise ParameterError("ramp", f"must lie in [0, 1], got {self.ramp}")
         require_choice(self, "solver", ("active_set", "daqp", "snopt", "ipopt"))
         require_choice(self, "mode", ("real_time", "converged"))
         if len(self.nonholonomic) not in (0, 3):

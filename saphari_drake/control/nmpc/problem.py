@@ -13,7 +13,7 @@ from saphari_drake.control.nmpc.kinematics import empty_frames, forward, place
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
 from saphari_drake.control.nmpc.solvers.program import HorizonProgram
 from saphari_drake.errors import ModelError, ParameterError
-from saphari_drake.math.rotations import rotation_between
+from saphari_drake.math.rotations import rotation_between, rotation_exp, rotation_log
 from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import diagonal
@@ -114,6 +114,7 @@ class NmpcProblem:
             q_min=robot.q_min.copy(),
             q_max=robot.q_max.copy(),
             v_max=diagonal(p.velocity_scale, n, "velocity_scale") * robot.v_max,
+            change=p.ramp * p.period * self.a_max if p.ramp > 0.0 else np.full(n, np.inf),
             guard=float(p.barrier_guard),
             cost_on=bool(p.obstacle_cost),
             rows_on=bool(p.obstacle_constraints),
@@ -129,19 +130,38 @@ class NmpcProblem:
         return at.R[data.link_E] @ data.R_ME, x
 
     def scene(
-        self, q0: Array, reference: NmpcReference, obstacles: ObstaclePoints, age: float = 0.0, first: int = 0
+        self,
+        q0: Array,
+        reference: NmpcReference,
+        obstacles: ObstaclePoints,
+        age: float = 0.0,
+        first: int = 0,
+        v0: Array | None = None,
     ) -> Scene:
-        """Return the inputs of a step as arrays of the stages, the first of which is `first` periods from now.
+        """Return the inputs of a step as arrays of the stages.
 
-        The reference's last row holds; obstacles, seen `age` (s) ago, move at constant velocity.
+        The first is `first` periods and half a ramp from now. The reference's last row holds; obstacles, seen `age` (s)
+        ago, move at constant velocity. Without `v0` the robot stands before the horizon begins.
         """
         stages = np.arange(first, first + self.N + 1)
-        rows = np.minimum(stages, len(reference.p_WE) - 1)
-        times = age + self.params.period * stages
+        ahead = 0.5 * self.params.ramp
+        times = age + self.params.period * (stages + ahead)
         p_WO, v_WO = np.asarray(obstacles.p_WO, dtype=float), np.asarray(obstacles.v_WO, dtype=float)
         moved = p_WO[None] + times[:, None, None] * v_WO[None]
-        parts = q0, reference.R_WE[rows], reference.p_WE[rows], moved, obstacles.radius
+        R_WE, p_WE = _between_rows(reference, stages, ahead)
+        parts = q0, R_WE, p_WE, moved, obstacles.radius, np.zeros(self.n) if v0 is None else v0
         return Scene(*(np.ascontiguousarray(part, dtype=float) for part in parts))
+
+
+def _between_rows(reference: NmpcReference, stages: NDArray[np.int64], share: float) -> tuple[Array, Array]:
+    """Return R (m, 3, 3) and p (m, 3) of a reference at `stages` and that share of the way to the next ones."""
+    last = len(reference.p_WE) - 1
+    a, b = np.minimum(stages, last), np.minimum(stages + 1, last)
+    R, p = reference.R_WE[a], reference.p_WE[a]
+    if share > 0.0:
+        p = p + share * (reference.p_WE[b] - p)
+        R = np.array([X @ rotation_exp(share * rotation_log(X.T @ Y)) for X, Y in zip(R, reference.R_WE[b])])
+    return R, p
 
 
 def _pose(R: Array, p: Array) -> RigidTransform:

@@ -1,4 +1,4 @@
-"""Limits of a horizon, and distance constraints (22) that can become active, with their linearization.
+"""Distance constraints (22) of a horizon that can become active, with their linearization.
 
 Between two samples a point moves relative to an obstacle from a to b. On the chord the distance is smallest at
 s* = −a·(b − a)/‖b − a‖², clipped to [0, 1], and the path of constant joint velocities leaves the chord by at most
@@ -22,6 +22,7 @@ import numpy as np
 
 from saphari_drake.compiled import njit
 from saphari_drake.control.nmpc.kinematics import dot
+from saphari_drake.control.nmpc.limits import reachable
 from saphari_drake.control.nmpc.solvers.subproblem import Rows
 
 # A curved path leaves its chord by at most max ‖p̈‖ T_s²/8; ‖p̈‖ is bounded at the end of the interval, and this factor
@@ -29,47 +30,6 @@ from saphari_drake.control.nmpc.solvers.subproblem import Rows
 CURVATURE_FACTOR = 1.25
 # m; added to the minimum distance with the margin between samples, for what an iteration leaves.
 PAD = 1.0e-5
-
-
-@njit(cache=True)
-def reachable(data, q0, k):
-    """Return lower and upper bounds (n,) of q_k that velocity and position limits leave when starting from `q0`.
-
-    Where q0 is outside its limits already, it need not jump back.
-    """
-    low, high = np.empty_like(q0), np.empty_like(q0)
-    for j in range(q0.shape[0]):
-        reach = k * data.period * data.v_max[j]
-        low[j] = max(min(data.q_min[j], q0[j]), q0[j] - reach)
-        high[j] = min(max(data.q_max[j], q0[j]), q0[j] + reach)
-    return low, high
-
-
-@njit(cache=True)
-def feasible_start(data, q0, Q):
-    """Return Q (N, n) moved into velocity and position limits, stage by stage from q0."""
-    out, before = np.empty_like(Q), q0
-    for k in range(Q.shape[0]):
-        for j in range(Q.shape[1]):
-            reach = data.period * data.v_max[j]
-            low = max(min(data.q_min[j], q0[j]), before[j] - reach)
-            high = min(max(data.q_max[j], q0[j]), before[j] + reach)
-            out[k, j] = min(max(Q[k, j], low), high)
-        before = out[k]
-    return out
-
-
-@njit(cache=True)
-def step_limits(data, q0, Q):
-    """Return bounds (N, n) of δ_k, lower and upper, and of δ_k − δ_{k−1}, that keep the limits from iterate Q on."""
-    low, high, v_low, v_high = np.empty_like(Q), np.empty_like(Q), np.empty_like(Q), np.empty_like(Q)
-    for k in range(Q.shape[0]):
-        for j in range(Q.shape[1]):
-            step, reach = Q[k, j] - (Q[k - 1, j] if k > 0 else q0[j]), data.period * data.v_max[j]
-            low[k, j] = min(data.q_min[j], q0[j]) - Q[k, j]
-            high[k, j] = max(data.q_max[j], q0[j]) - Q[k, j]
-            v_low[k, j], v_high[k, j] = -reach - step, reach - step
-    return low, high, v_low, v_high
 
 
 @njit(cache=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
-from saphari_drake.control.nmpc.kinematics import joint_velocity
+from saphari_drake.control.nmpc.kinematics import joint_velocity, ramped
 from saphari_drake.control.nmpc.law import NmpcMemory, at_rest, nmpc_step
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
@@ -45,7 +46,8 @@ class NmpcController(LeafSystem):
     reference : abstract `NmpcReference`. Without it the end effector keeps the pose of the robot's home posture.
     obstacles : abstract `ObstaclePoints`, optional; without it there are none.
     velocity_commanded : n (rad/s or m/s), within the limits. It is held over a period, but for a platform that cannot
-        slip, whose x and y turn with the measured θ, so that its command never points sideways.
+        slip, whose x and y turn with the measured θ, so that its command never points sideways, and but for a `ramp`
+        at the beginning of the period.
     predicted_motion : (N + 1) n (rad or m), positions at the stages 0 … N, one stage after the other.
     status : 1, `NmpcStatus`.
     slack : 1 (m), largest violation of a minimum distance that the prediction had to accept.
@@ -79,6 +81,8 @@ class NmpcController(LeafSystem):
         self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
         ticket = self.abstract_state_ticket(self._memory)
         prerequisites = {ticket, self._position.ticket()} if problem.params.nonholonomic else {ticket}
+        if problem.params.ramp > 0.0:
+            prerequisites.add(self.time_ticket())
         self.DeclareVectorOutputPort(
             "velocity_commanded", BasicVector(robot.n), self._calc_velocity, prerequisites_of_calc=prerequisites
         )
@@ -104,8 +108,14 @@ class NmpcController(LeafSystem):
     def _state(self, context: Context) -> NmpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
+    def _command(self, context: Context) -> Array:
+        """Return the command (n,) at this time; see `kinematics.advance`."""
+        memory, params = self._state(context), self.problem.params
+        now = ramped(memory.before, memory.command, params.ramp * params.period, context.get_time() - memory.since)
+        return np.array(now)
+
     def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        data, command = self.problem.data, self._state(context).command
+        data, command = self.problem.data, self._command(context)
         if not len(data.base):
             output.SetFromVector(np.clip(command, -data.v_max, data.v_max))
             return
@@ -120,5 +130,6 @@ class NmpcController(LeafSystem):
             obstacles = self._obstacles.Eval(context)
             age = max(context.get_time() - obstacles.stamp, 0.0)
         memory = nmpc_step(self.problem, self._state(context), q, reference, obstacles, age)
+        memory = replace(memory, since=context.get_time())
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
         return EventStatus.Succeeded()

@@ -36,14 +36,14 @@ class NullSpaceComplianceParameters:
     # 1/s; ratio of stiffness to damping, Proposition 1.
     P: list[float] | float = 10.0
     # Ns/m and Nms/rad; damping, Proposition 1.
-    K: list[float] | float = 60.0
-    K_rotation: list[float] | float = 1.0
+    K: list[float] | float = 180.0
+    K_rotation: list[float] | float = 4.0
     # Ns/m and Nms/rad; damping, Proposition 2 and no observer.
-    D: list[float] | float = 60.0
-    D_rotation: list[float] | float = 1.0
+    D: list[float] | float = 180.0
+    D_rotation: list[float] | float = 4.0
     # N/m and Nm/rad; stiffness, Proposition 2 and no observer. One value for rotation, as its proof needs.
-    K_x: list[float] | float = 600.0
-    K_x_rotation: float = 5.0
+    K_x: list[float] | float = 1800.0
+    K_x_rotation: float = 20.0
     # 1/s; weight of the error in the observer, Proposition 2; checked against `gamma_bound`.
     gamma: float = 0.5
     # m/rad; length at which a rotation counts like a distance, Proposition 2.

@@ -33,8 +33,6 @@ from saphari_drake.math.products import apply, bounded_multipliers, cholesky, pr
 
 Array = NDArray[np.float64]
 _SOFTNESS = 1e-7  # softness of a fully active row, relative to s_i: keeps dependent rows solvable
-_SCALE_STEPS = 10
-_HELD = 1e-3  # share of the velocity a row can have at all, by which a constraint may be missed
 
 
 class PriorityStatus(IntEnum):
@@ -45,6 +43,7 @@ class PriorityStatus(IntEnum):
     LIMITED = 2  # the constraints on top alone need more than the velocity limits allow
     INFEASIBLE = 3  # constraints on top, at or beyond their bounds, contradict one another
     INVALID = 4  # an input is not finite, or there is no solution that is: no motion
+    LATE = 5  # the acceleration limits hold back what is needed: on the way there
 
 
 class Rows(NamedTuple):
@@ -167,7 +166,7 @@ def _between(rows, a, b):
 
 
 @njit(cache=True)
-def _add_levels(levels, first, last, rows, settings, W, v, h):
+def add_levels(levels, first, last, rows, settings, W, v, h):
     """Add the steps of the levels before `last` up to `first` to v, their active rows to W, and write h."""
     L = np.zeros(W.shape)
     for p in range(last - 1, first - 1, -1):
@@ -184,64 +183,3 @@ def _add_levels(levels, first, last, rows, settings, W, v, h):
                 for j in range(v.shape[0]):
                     for k in range(v.shape[0]):
                         W[j, k] += h[i] * rows.J[i, j] * rows.J[i, k]
-
-
-@njit(cache=True)
-def _share(v, v_max):
-    """Return the largest |v_j|/v_max_j."""
-    return np.max(np.abs(v) / v_max)
-
-
-@njit(cache=True)
-def _checked(status, rows, count, v, v_max):
-    """Return INFEASIBLE if one of the first `count` rows, at or beyond its bound, does not keep ẋ ≤ ẋ*, or `status`."""
-    rates = apply(rows.J, v) + rows.own
-    for i in range(count):
-        excess = rates[i] - rows.wanted[i]
-        if rows.x[i] >= rows.goal[i] and excess > _HELD * np.sum(np.abs(rows.J[i]) * v_max):
-            return PriorityStatus.INFEASIBLE.value
-    return status
-
-
-@njit(cache=True)
-def solve_stack(levels: Levels, rows: Rows, v_start: Array, settings: Settings):
-    """Return the joint velocity of a stack, within the velocity limits.
-
-    What the levels up to the highest task ask for is scaled as a whole until the result, with the constraints above
-    them, keeps the velocity limits. Should the constraints on top alone ask for more, that is scaled instead (LIMITED):
-    the arm then goes the right way, as fast as it can.
-
-    Parameters
-    ----------
-    v_start : (n,) array
-        Velocity below all levels, eq. (27).
-
-    Returns
-    -------
-    v (n,), h (r,), scale, status
-        Command, activations (1 for tasks), factor on the tasks, and `PriorityStatus`.
-    """
-    v, h, top, v_max = v_start.copy(), np.zeros(rows.x.shape[0]), levels.top, settings.v_max
-    W = settings.damping**2 * np.eye(v.shape[0])
-    _add_levels(levels, top, levels.ends.shape[0], rows, settings, W, v, h)
-    result = v.copy()
-    _add_levels(levels, 0, top, rows, settings, W.copy(), result, h)
-    hard = levels.ends[top - 1] if top > 0 else 0
-    if _share(result, v_max) <= 1.0:
-        return result, h, 1.0, _checked(PriorityStatus.OK.value, rows, hard, result, v_max)
-    result[:] = 0.0
-    _add_levels(levels, 0, top, rows, settings, W.copy(), result, h)
-    share = _share(result, v_max)
-    if share > 1.0:
-        return result / share, h, 0.0, PriorityStatus.LIMITED.value
-    low, high, trial = 0.0, 1.0, v.copy()
-    for _ in range(_SCALE_STEPS):
-        middle = 0.5 * (low + high)
-        trial[:] = middle * v
-        _add_levels(levels, 0, top, rows, settings, W.copy(), trial, h)
-        if _share(trial, v_max) <= 1.0:
-            low = middle
-            result[:] = trial
-        else:
-            high = middle
-    return result, h, low, _checked(PriorityStatus.SCALED.value, rows, hard, result, v_max)

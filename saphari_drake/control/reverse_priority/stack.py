@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, allowed_rate, solve_stack
+from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, allowed_rate
+from saphari_drake.control.reverse_priority.scaling import Change, solve_stack
 from saphari_drake.control.reverse_priority.tasks import Bound, Component, FrameTask, Kind, Level, ScalarTask, Task
 from saphari_drake.errors import ModelError, ParameterError, StateError
 from saphari_drake.math.products import apply, product
@@ -118,11 +119,12 @@ class PriorityStack:
         targets: Array,
         period: float,
         bounds: Array | None = None,
+        change: Change | None = None,
     ) -> StackResult:
         """Return the joint velocity of eq. (24)–(32), regularised, at joint positions `q`.
 
         If an input or the solution is not finite, velocity and activations are zero and the status is INVALID; errors,
-        values and Jacobian are NaN as far as they are not known.
+        values and Jacobian are NaN as far as they are not known. Sizes that do not fit raise a `StateError`.
 
         Parameters
         ----------
@@ -137,11 +139,8 @@ class PriorityStack:
             Control cycle (s).
         bounds : (c,) array, optional
             Bounds in place of the attribute `bounds`; infinite ones take a constraint out.
-
-        Raises
-        ------
-        StateError
-            If sizes do not fit.
+        change : Change, optional
+            Without it the velocity may change by any amount.
         """
         q, v_start = np.asarray(q, dtype=float), np.asarray(v_start, dtype=float)
         sizes = q.shape, v_start.shape, references.shape, targets.shape[1:]
@@ -151,9 +150,10 @@ class PriorityStack:
         goal, sides, tasks = self._goal.copy(), self._side_rows, self._task_rows
         goal[sides] = self.bounds if bounds is None else bounds
         settings = Settings(self.robot.v_max, float(period), self._damping, self._task_damping)
-        v, h, scale, status, x, error, J = _solve(
-            self.robot.tree, self._levels, self._table, q, v_start, (references, targets, goal), settings
-        )
+        change = change or Change(np.zeros(self.robot.n), np.full(self.robot.n, np.inf))
+        inputs, limits = (references, targets, goal), (settings, change)
+        found = _solve(self.robot.tree, self._levels, self._table, q, v_start, inputs, limits)
+        v, h, scale, status, x, error, J = found
         return StackResult(v, h[sides], error[tasks], scale, PriorityStatus(status), x[sides], J[tasks])
 
     def constraints(self, q: Array, targets: Array) -> tuple[Array, Array, Array]:
@@ -238,12 +238,12 @@ def _rows(table, motion, q, references, targets, goal, v_max):
 
 
 @njit(cache=True)
-def _solve(tree, levels, table, q, v_start, inputs, settings):
-    references, targets, bounds = inputs
+def _solve(tree, levels, table, q, v_start, inputs, limits):
+    (references, targets, bounds), (settings, change) = inputs, limits
     rows = _rows(table, tree_kinematics(tree, q, np.zeros_like(q)), q, references, targets, bounds, settings.v_max)
     v, h, scale, status = np.zeros_like(v_start), np.zeros_like(bounds), 0.0, PriorityStatus.INVALID.value
     if np.isfinite(q.sum() + v_start.sum() + references.sum() + targets.sum()):
-        found = solve_stack(levels, rows, v_start, settings)
+        found = solve_stack(levels, rows, v_start, settings, change)
         if np.isfinite(found[0].sum()):
             v, h, scale, status = found
     return v, h, scale, status, rows.x, rows.goal - rows.x, rows.J

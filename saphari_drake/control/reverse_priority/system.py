@@ -1,13 +1,14 @@
 """Redundancy resolution in reverse priority with hard and soft unilateral constraints, eq. (23)–(32)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.control.reverse_priority.scaling import Change
 from saphari_drake.control.reverse_priority.stack import REFERENCE_SIZE, PriorityStack, StackResult, evaluate_component
 from saphari_drake.control.reverse_priority.tasks import FrameTask, Kind, Level
 from saphari_drake.errors import ParameterError
@@ -25,6 +26,8 @@ class ReversePriorityParameters:
 
     # s; the control cycle.
     period: float = 0.005
+    # rad/s² or m/s², largest acceleration of the command, one value or one a joint; infinite: any, as published.
+    acceleration_max: list[float] = field(default_factory=lambda: [np.inf])
     # 0 … 1, share of the command before that is kept where no task decides, eq. (27); "equal or close to 1".
     decay: float = 0.95
     # λ_s, in the unit of the task Jacobians: a singular value well below it is damped.
@@ -35,6 +38,8 @@ class ReversePriorityParameters:
     def __post_init__(self) -> None:
         require_positive(self, "period", "damping", "task_damping")
         require_non_negative(self, "decay")
+        if not np.all(np.asarray(self.acceleration_max, dtype=float) > 0.0):
+            raise ParameterError("acceleration_max", f"must be positive, got {self.acceleration_max}")
         if self.decay > 1.0:
             raise ParameterError("decay", f"must not exceed 1, got {self.decay}")
 
@@ -79,13 +84,15 @@ class ReversePriorityController(LeafSystem):
     references : 18 a task, in the order of the stack; see `frame_reference`, `position_reference`, `scalar_reference`.
         Without it, every task keeps what it has at the home posture.
     targets : 6 a target (m, m/s, world), position and velocity. Only if the stack refers to any.
-    velocity_commanded : n (rad/s or m/s), within the velocity limits.
+    velocity_commanded : n (rad/s or m/s), within velocity limits and, but for status INVALID, acceleration limits.
     activation : h of each constraint, in the order of ``stack.sides``; 1 number, 0, if there is none.
     task_error : reference minus value of each task row (m, rad, or the unit of the component).
     smallest_singular_value : of each task's Jacobian.
     constraint_excess : x − x̄ of each constraint; positive beyond the bound. 1 number, 0, if there is none.
     task_scale : 1, factor on what the tasks asked for, below 1 while the velocity limits need that.
-    status : 1, a `PriorityStatus`. INVALID, while an input is not finite: no motion, and NaN for what is not known.
+    status : 1, a `PriorityStatus`. LATE, while the acceleration limits hold back more than the tasks: hard constraints
+        hold as far as their buffers leave room to slow down, see `scaling`. INVALID, while an input is not finite: no
+        motion, and NaN for what is not known.
 
     From the lowest level up, each adds the step of (24) in its regularised form; the velocity below all of them is
     λ times the command before, eq. (27), which is the only state. The velocity limits scale what the tasks ask for,
@@ -100,6 +107,10 @@ class ReversePriorityController(LeafSystem):
         self._params = params or ReversePriorityParameters()
         self.stack = PriorityStack(robot, levels, self._params.damping, self._params.task_damping)
         stack, n = self.stack, robot.n
+        limits = np.asarray(self._params.acceleration_max, dtype=float)
+        if limits.shape not in ((), (1,), (n,)):
+            raise ParameterError("acceleration_max", f"needs 1 or {n} entries, got {limits.size}")
+        self._most = np.ascontiguousarray(np.broadcast_to(self._params.period * limits, (n,)))
         self._home = home_references(stack)
         self._position = self.DeclareVectorInputPort("position_measured", BasicVector(n))
         self._references = self.DeclareVectorInputPort("references", BasicVector(max(self._home.size, 1)))
@@ -137,9 +148,9 @@ class ReversePriorityController(LeafSystem):
         targets = np.zeros((0, 6))
         if self._targets is not None:
             targets = np.array(self._targets.Eval(context)).reshape(-1, 6)
-        v_start = self._params.decay * context.get_discrete_state(self._before).value()
-        q = self._position.Eval(context)
-        return stack.solve(q, v_start, references, targets, self._params.period)
+        before = np.array(context.get_discrete_state(self._before).value())
+        q, v_start, change = self._position.Eval(context), self._params.decay * before, Change(before, self._most)
+        return stack.solve(q, v_start, references, targets, self._params.period, change=change)
 
     def _update(self, context: Context, state: State) -> None:
         now: StackResult = self._output.Eval(context)

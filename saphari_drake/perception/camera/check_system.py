@@ -26,7 +26,7 @@ _REST = 0.1  # s, time for which the robot must be at rest before a frame
 
 @dataclass
 class CheckScheduleParameters:
-    """When a camera is checked, and with what. All A."""
+    """When a camera is checked, and with what. All assumed."""
 
     # Time between two checks (s, > 0).
     interval: float = 2.0

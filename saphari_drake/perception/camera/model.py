@@ -37,13 +37,13 @@ class CameraParameters:
     position: list[float] = field(default_factory=lambda: [-1.7, 0.0, 1.1])
     # Point in the world that the optical axis goes through (m), not above or below the camera.
     target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.55])
-    # "vtk" (Drake's VTK engine over EGL), "primitives" (exact rays, ten times as fast, no meshes), "raycast" (Open3D,
-    # needs no graphics driver), or "auto": the first of them that can show the scene.
+    # "raycast" (exact rays at primitives, ten times as fast as VTK; Open3D's at meshes; needs no driver), "vtk"
+    # (Drake's VTK engine over EGL), or "auto": "raycast" unless there are meshes and VTK works.
     renderer: str = "auto"
 
     def __post_init__(self) -> None:
         require_positive(self, "width", "height", "focal_x", "focal_y", "near", "rate")
-        require_choice(self, "renderer", ("auto", "primitives", "vtk", "raycast"))
+        require_choice(self, "renderer", ("auto", "raycast", "vtk"))
         if not self.near < self.far < np.inf:
             raise ParameterError("far", f"must be finite and above near ({self.near} m), got {self.far}")
         for name in ("position", "target"):

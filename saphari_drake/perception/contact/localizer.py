@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,9 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.messages import CameraStatus, Immutable
 from saphari_drake.perception.camera.frames import DepthFrames, Instant, Samples, instant, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.perception.contact.law import ContactFusionLaw
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.perception.contact.places import Place, PlaceFinder, View
-from saphari_drake.perception.contact.track import ContactTrack, ContactTracker
-from saphari_drake.perception.contact.values import NOTHING, Fusion, FusionMemory, contact_point
+from saphari_drake.perception.contact.ways import Fusing, Tracking
 from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_outputs
@@ -49,9 +47,7 @@ class _Memory(Immutable):
     residuals: Samples = ()  # empty if no residual is connected
     cameras: tuple[_Camera, ...] = ()
     stamp: float = -np.inf  # s, of the newest frame
-    track: ContactTrack = field(default_factory=ContactTrack)  # without fusion
-    evidence: FusionMemory | None = None  # with it
-    fusion: Fusion = NOTHING
+    known: Any = None  # what the way to the contact remembers
 
     @property
     def status(self) -> CameraStatus:
@@ -100,9 +96,9 @@ class ContactLocalizer(LeafSystem):
     stamp pose the robot. It and the static background are removed from the images, and the rest is explained as
     something thin or as a limb that touches (`PlaceFinder`). What is seen then makes the contact point,
 
-    - without `fusion` by `ContactTracker`: the camera that sees the person nearest counts, smoothed over frames, and
+    - without `fusion` by `Tracking`: the camera that sees the person nearest counts, smoothed over frames, and
       the residual may correct and veto. A contact that no camera sees is not found.
-    - with `fusion` by `ContactFusionLaw`: cameras and residual together, seen or hidden, with forces.
+    - with `fusion` by `Fusing`: cameras and residual together, seen or hidden, with forces.
 
     A camera that is not OK is left out: its frames are late or of another size, hold almost no reading, or belong to a
     posture that is not finite. With none that is OK, no contact is found.
@@ -152,31 +148,25 @@ class ContactLocalizer(LeafSystem):
             PlaceFinder(RobotFilter(robot.shapes, *entry[:1], self._params, *entry[1:]), self._params)
             for entry in zip(cameras, backgrounds, poses)
         ]
-        self._tracker = ContactTracker(robot, self._params)
-        self._law = None if fusion is None else ContactFusionLaw(robot, fusion)
+        self._way = Tracking(robot, self._params) if fusion is None else Fusing(robot, fusion)
         self._kept = int(np.ceil(self._params.memory / period)) + 1
         self._frames = DepthFrames(self, robot, cameras)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
-        self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
+        nothing = _Memory(known=self._way.nothing)
+        self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
-        self._declare_outputs()
+        self._declare_outputs(nothing)
 
-    def _declare_outputs(self) -> None:
+    def _declare_outputs(self, nothing: _Memory) -> None:
+        reads = self._way.outputs.items()
+        found = {name: lambda m, read=read: read(m.known, m.stamp) for name, read in reads}
         ports = {
-            "contact_point": lambda m: m.track.contact,
+            "contact_point": found.pop("contact_point"),
             "camera_status": lambda m: [float(m.status)],
             "human_points": lambda m: np.concatenate([_NOBODY, *(camera.points for camera in m.cameras)]),
+            **found,
         }
-        if self._law is not None:
-            ports |= {
-                "contact_point": lambda m: m.fusion.contact(0, m.stamp),
-                "second_contact_point": lambda m: m.fusion.contact(1, m.stamp),
-                "contact_force": lambda m: m.fusion.force(0),
-                "second_contact_force": lambda m: m.fusion.force(1),
-                "other_mode": lambda m: contact_point(m.fusion.second, m.stamp),
-                "other_mode_weight": lambda m: [m.fusion.second_weight],
-            }
-        declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), _Memory(), ports)
+        declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), nothing, ports)
 
     def _memory(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._state)).get_value()
@@ -191,7 +181,7 @@ class ContactLocalizer(LeafSystem):
         )
         memory = self._with_frames(context, memory)
         if all(camera.status != CameraStatus.OK for camera in memory.cameras):
-            memory = replace(memory, track=ContactTrack(), evidence=None, fusion=NOTHING)
+            memory = replace(memory, known=self._way.nothing)
         state.get_mutable_abstract_state(int(self._state)).set_value(memory)
         return EventStatus.Succeeded()
 
@@ -218,7 +208,10 @@ class ContactLocalizer(LeafSystem):
                 cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points)
                 views.append(view)
         memory = replace(memory, cameras=tuple(cameras), stamp=newest)
-        return self._decided(memory, views, at) if views else memory
+        if not views:
+            return memory
+        places = [camera.places for camera in memory.cameras]
+        return replace(memory, known=self._way.after(memory.known, views, at, places))
 
     def _instant(self, memory: _Memory, stamp: float) -> Instant:
         """Return the robot at a time, with the residual if there is one."""
@@ -230,20 +223,5 @@ class ContactLocalizer(LeafSystem):
         depth = self._frames.depth(context, k)
         if depth is None or not np.all(np.isfinite(at.p_WL)):
             return None
-        view = self._finders[k].look(depth, at.R_WL, at.p_WL, 1 if self._law is None else 2)
+        view = self._finders[k].look(depth, at.R_WL, at.p_WL, self._way.places)
         return view if view.person.seen >= self._params.least_seen else None
-
-    def _decided(self, memory: _Memory, views: list[View], at: Instant) -> _Memory:
-        """Return the memory with the contact that new views show."""
-        if self._law is not None:
-            evidence = self._law.remember(memory.evidence or self._law.empty(), self._law.evidence(at, views))
-            return replace(memory, evidence=evidence, fusion=self._law.decide(evidence))
-        places = min((view.places for view in views), key=_distance)
-        if _distance(places) >= self._params.gate > min(_distance(camera.places) for camera in memory.cameras):
-            return memory  # another camera sees the contact
-        return replace(memory, track=self._tracker.after(memory.track, places, at))
-
-
-def _distance(places: Sequence[Place]) -> float:
-    """Return the distance (m) of the person, ∞ without a place."""
-    return min((place.distance for place in places), default=np.inf)

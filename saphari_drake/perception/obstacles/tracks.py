@@ -26,14 +26,14 @@ class ObstacleTrackerParameters:
     most: int = 40
     # m; distance beyond which a point is not taken for one of an obstacle point seen before.
     gate: float = 0.20
-    # 0 … 1; gains of the alpha–beta filter on position and velocity. A.
+    # 0 … 1; gains of the alpha–beta filter on position and velocity. Assumed.
     alpha: float = 0.6
     beta: float = 0.2
     # m; distance over which obstacle points share their velocity: neighbours belong to one limb. 0: none do.
     share: float = 0.15
     # m/s; nothing that is tracked moves faster.
     max_speed: float = 3.0
-    # m; half the thickness that what the camera sees has, along the line of sight. Half an upper arm or forearm. A.
+    # m; half the thickness of what the camera sees, along the line of sight. Half an upper arm or forearm. Assumed.
     thickness: float = 0.05
     # s; how long an obstacle point that is not seen any more is held.
     hold: float = 0.3

@@ -24,7 +24,7 @@ _WINDOW = 3.5  # pitches; beyond that, a bell carries nothing that can be told f
 
 @dataclass
 class SkinContactParameters:
-    """What counts as a contact; A."""
+    """What counts as a contact; assumed."""
 
     # N; a module below it carries nothing, > 0. Five deviations of its noise.
     module_threshold: float = 0.12

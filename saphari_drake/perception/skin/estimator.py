@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class SkinEstimatorParameters:
-    """How voltages are judged; A."""
+    """How voltages are judged; assumed."""
 
     contacts: SkinContactParameters = field(default_factory=SkinContactParameters)
     # s; control cycle, that of the sensor.

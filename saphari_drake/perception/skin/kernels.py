@@ -1,73 +1,10 @@
-"""Passes over the modules of a skin patch: how a touch spreads over them."""
+"""Passes over the modules of a skin patch: from voltages to forces without crosstalk, and where pressure peaks."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from saphari_drake.compiled import njit
-
-_POINTS = 400
-_GOLDEN = 2.399963229728653  # rad, turn from one point of a sunflower to the next
-
-
-@njit(cache=True)
-def spread_touch(rows, columns, pitch, centre, radius, aspect, turn, exponent, layer, share, lean):
-    """Add up what each module carries of a unit load with the profile (1 − r²/a²)ᵉ on an ellipse.
-
-    Each of 400 points of equal load presses on a square of side `layer` (≤ pitch), the depth over which a soft cover
-    spreads it. What falls beside the patch is lost.
-
-    Parameters
-    ----------
-    rows, columns : int
-    pitch : float
-        Side of a module (m).
-    centre : (2,) array
-        Surface coordinates of the load (m).
-    radius, aspect, turn : float
-        Geometric mean of the half axes (m), their ratio, and the angle of the longer one from u (rad).
-    exponent : float
-        e: 0.5 as in Hertz's contact, 0 uniform.
-    layer : float
-        Side of the square (m).
-    share : (m,) array
-        Filled with the share of each module, 0–1.
-    lean : (m, 2) array
-        Filled with where the load of a module acts: −1 … 1 from one edge to the other, zero without load.
-    """
-    share[:] = 0.0
-    lean[:] = 0.0
-    cos, sin = np.cos(turn), np.sin(turn)
-    long, short = radius * np.sqrt(aspect), radius / np.sqrt(aspect)
-    weight = np.empty(2)
-    for k in range(_POINTS):
-        r = np.sqrt(1.0 - (1.0 - (k + 0.5) / _POINTS) ** (1.0 / (exponent + 1.0)))
-        a, b = long * r * np.cos(_GOLDEN * k), short * r * np.sin(_GOLDEN * k)
-        # In pitches from the corner of the patch.
-        x = (centre[0] + cos * a - sin * b) / pitch + 0.5 * rows
-        y = (centre[1] + sin * a + cos * b) / pitch + 0.5 * columns
-        half = 0.5 * layer / pitch
-        i0, j0 = int(np.floor(x - half)), int(np.floor(y - half))
-        for i in range(i0, i0 + 2):
-            low, high = max(x - half, float(i)), min(x + half, i + 1.0)
-            if high < low or i < 0 or i >= rows:
-                continue
-            weight[0] = (high - low) / (2.0 * half) if half > 0.0 else (1.0 if i == i0 else 0.0)
-            lean_u = low + high - 2.0 * i - 1.0
-            for j in range(j0, j0 + 2):
-                low_v, high_v = max(y - half, float(j)), min(y + half, j + 1.0)
-                if high_v < low_v or j < 0 or j >= columns:
-                    continue
-                weight[1] = (high_v - low_v) / (2.0 * half) if half > 0.0 else (1.0 if j == j0 else 0.0)
-                w = weight[0] * weight[1] / _POINTS
-                m = i * columns + j
-                share[m] += w
-                lean[m, 0] += w * lean_u
-                lean[m, 1] += w * (low_v + high_v - 2.0 * j - 1.0)
-    for m in range(share.shape[0]):
-        if share[m] > 0.0:
-            lean[m, 0] /= share[m]
-            lean[m, 1] /= share[m]
 
 
 @njit(cache=True)

@@ -32,7 +32,7 @@ class SkinLayoutParameters:
     # Modules along the axis and around it, ≥ 2 each; 6 × 6 in the deliverable.
     rows: int = 6
     columns: int = 6
-    # m; spacing of the modules along the surface, > 0. A.
+    # m; spacing of the modules along the surface, > 0. Assumed.
     pitch: float = 0.008
     # m, ≥ 0.02; radius of the cylinder, infinite for a plane. That of the LWR4's link 3.
     curvature_radius: float = 0.065

@@ -38,7 +38,7 @@ class WristWrenchParameters:
     tip_point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     # s; control cycle, that of the sensor.
     period: float = 0.002
-    # Samples averaged for the bias at the start and after `tare`, ≥ 0; nobody may touch the tool meanwhile. A.
+    # Samples averaged for the bias at the start and after `tare`, ≥ 0; nobody may touch the tool meanwhile. Assumed.
     tare_samples: int = 50
 
     def __post_init__(self) -> None:

@@ -60,8 +60,8 @@ class JointEnvelope(LeafSystem):
     margin : 1, share of the envelope left: 1 in its middle, 0 at a limit, negative outside.
     system_status : 1, a `SystemStatus`: BAD_INPUT while state or command are not known. Without the command its last
         torque is wished for; without the state nothing but torque and rate can be limited.
-    torque_mean : n (Nm or N), mean of the torque at the joints over the last `mean_time`, which slower observers are
-        fed; depends on no input.
+    torque_mean : n (Nm or N), mean of the torque at the joints over `mean_time`, with the period that begins now as
+        the last; what slower observers are fed. `torque_delay` is in it.
 
     Law and guarantee: `limited_torque`. It knows nothing of the controller inside. An external torque that is not
     finite counts as none. At the start the torque before was that of the weight.
@@ -93,7 +93,7 @@ class JointEnvelope(LeafSystem):
             "system_status": (1, lambda o: [float(o.system_status)]),
         }
         declare_readouts(self, self._output, readouts)
-        mean = declare_cache(self, "mean", zero, self._mean, {state})
+        mean = declare_cache(self, "mean", zero, self._mean, {self._output.ticket(), state})
         declare_readouts(self, mean, {"torque_mean": (n, lambda torque: torque)})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
@@ -107,7 +107,10 @@ class JointEnvelope(LeafSystem):
         return memory.torques
 
     def _mean(self, context: Context) -> Array:
-        return self._torques(context)[: self._width].mean(axis=0)
+        return self._with_now(context)[: self._width].mean(axis=0)
+
+    def _with_now(self, context: Context) -> Array:
+        return np.vstack((self._torques(context)[1:], self._output.Eval(context).limited.torque))
 
     def _limited(self, terms: DynamicsTerms, external: Array, command: Array, torques: Array) -> Limited:
         motion = Motion(terms.q, terms.v, terms.M, terms.Cv + terms.g, external, torques[-1])
@@ -142,5 +145,4 @@ class JointEnvelope(LeafSystem):
             state.get_mutable_abstract_state(int(self._memory)).set_value(self._resting(terms))
 
     def _update(self, context: Context, state: State) -> None:
-        torques = np.vstack((self._torques(context)[1:], self._output.Eval(context).limited.torque))
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(torques))
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(self._with_now(context)))

@@ -67,7 +67,7 @@ class RecordingParameters:
     index: int = 0
     # 1/s; sample rate, if the file does not tell it (0: read it from the file).
     rate: float = 0.0
-    # N; the recording is scaled so that its largest force has this size. A.
+    # N; the recording is scaled so that its largest force has this size. Assumed.
     peak: float = 15.0
 
     def __post_init__(self) -> None:

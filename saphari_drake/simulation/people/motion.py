@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import LeafSystem
+from pydrake.trajectories import PiecewisePolynomial
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstaclePoints, ObstacleStatus
@@ -24,7 +25,7 @@ class HumanMotionParameters:
 
     # Text file with 18 columns, see `read_human_motion`; "" plays a built-in, made-up person.
     file: str = ""
-    # Hz; frames a second. Such files do not tell it. A.
+    # Hz; frames a second. Such files do not tell it. Assumed.
     rate: float = 30.0
     # m; position of the camera in the world, and deg; roll, pitch and yaw of its frame (x right, y down, z away).
     position: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.2])
@@ -35,17 +36,17 @@ class HumanMotionParameters:
     start: float = 0.0
     # Whether the recording runs forth and back again and again; otherwise the person stays in the last posture.
     loop: bool = True
-    # m/s; what is faster is a jump of the recording. A quick hand reaches about 2 m/s. A.
+    # m/s; what is faster is a jump of the recording. A quick hand reaches about 2 m/s. Assumed.
     max_speed: float = 2.0
-    # s; longest gap that is interpolated; a longer one holds the joint where it was last seen. A.
+    # s; longest gap that is interpolated; a longer one holds the joint where it was last seen. Assumed.
     max_gap: float = 0.2
-    # s; a joint held for longer is lost. A.
+    # s; a joint held for longer is lost. Assumed.
     hold_time: float = 0.5
-    # s; standard deviation of the filter over time: the readings are noisy. A.
+    # s; standard deviation of the filter over time: the readings are noisy. Assumed.
     smoothing: float = 0.05
-    # m; how far the body reaches around wrist, elbow and shoulder. A.
+    # m; how far the body reaches around wrist, elbow and shoulder. Assumed.
     radius: list[float] = field(default_factory=lambda: [0.05, 0.06, 0.08])
-    # m; distance of the middle of the hand from the wrist, along the forearm (0: no point there), and its radius. A.
+    # m; from the wrist to the middle of the hand, along the forearm (0: no point there), and its radius. Assumed.
     hand: float = 0.09
     hand_radius: float = 0.07
     # Points between two joints of an arm.
@@ -99,14 +100,17 @@ class HumanPath:
         self.repaired: RepairedMotion = repair_motion(
             recording, params.rate, params.max_speed / params.scale, params.max_gap, params.hold_time, params.smoothing
         )
-        self._weights, self.radius = self._body()
+        weights, self.radius = self._body()
         self.count = len(self.radius)
         X_WC = camera_to_world(params)
         known = np.nan_to_num(params.scale * self.repaired.points)  # joints never seen have weight zero
         joints = known @ X_WC.rotation().matrix().T + X_WC.translation()
-        self._p = np.einsum("mj,tjk->tmk", self._weights, joints)
-        self._v = np.gradient(self._p, 1.0 / params.rate, axis=0) if len(self._p) > 1 else np.zeros_like(self._p)
-        self.duration = (len(self._p) - 1) / params.rate
+        p = np.einsum("mj,tjk->tmk", weights, joints).reshape(len(joints), -1)
+        p = np.repeat(p, 2, axis=0) if len(p) == 1 else p  # a single frame is a person who stands still
+        self._curve = PiecewisePolynomial.CubicHermite(
+            np.arange(len(p)) / params.rate, p.T, np.gradient(p, 1.0 / params.rate, axis=0).T
+        )
+        self.duration = (len(joints) - 1) / params.rate
         self._status = np.array([self._status_of(row) for row in self.repaired.state])
 
     def _body(self) -> tuple[Array, Array]:
@@ -145,15 +149,14 @@ class HumanPath:
     def __call__(self, time: float) -> ObstaclePoints:
         """Return the person's points at a time (s)."""
         played, direction = self._played(time)
-        at = played * self.params.rate
-        k = min(int(at), max(len(self._p) - 2, 0))
-        if len(self._p) == 1 or direction == 0.0:
-            row = min(round(at), len(self._p) - 1)
-            status = max(self._status[row], ObstacleStatus.HELD)
-            return ObstaclePoints(self._p[row], np.zeros_like(self._p[row]), self.radius, time, ObstacleStatus(status))
-        p, v = hermite(self._p[k], self._p[k + 1], self._v[k], self._v[k + 1], at - k, 1.0 / self.params.rate)
-        status = max(self._status[k], self._status[k + 1])
-        return ObstaclePoints(p, direction * v, self.radius, time, ObstacleStatus(status))
+        k, last = int(played * self.params.rate), len(self._status) - 1
+        p = self._curve.value(played).reshape(-1, 3)
+        if direction == 0.0:
+            status = max(self._status[min(round(played * self.params.rate), last)], ObstacleStatus.HELD)
+            return ObstaclePoints(p, np.zeros_like(p), self.radius, time, ObstacleStatus(status))
+        v = direction * self._curve.EvalDerivative(played).reshape(-1, 3)
+        status = max(self._status[min(k, last)], self._status[min(k + 1, last)])
+        return ObstaclePoints(p, v, self.radius, time, ObstacleStatus(status))
 
     def _played(self, time: float) -> tuple[float, float]:
         """Return the time in the recording (s) and which way it runs: 1, −1, or 0 for standing still."""
@@ -164,27 +167,6 @@ class HumanPath:
             return (at, 1.0) if at <= length else (length, 0.0)
         at = at % (2.0 * length)
         return (at, 1.0) if at <= length else (2.0 * length - at, -1.0)
-
-
-def hermite(p0: Array, p1: Array, v0: Array, v1: Array, share: float, step: float) -> tuple[Array, Array]:
-    """Return position and velocity of the cubic through p0 and p1 with the velocities v0 and v1 there.
-
-    Parameters
-    ----------
-    share : float
-        0 at p0, 1 at p1.
-    step : float
-        Time between them (s).
-    """
-    s = share
-    p = (
-        (2 * s**3 - 3 * s**2 + 1) * p0
-        + (s**3 - 2 * s**2 + s) * step * v0
-        + (3 * s**2 - 2 * s**3) * p1
-        + (s**3 - s**2) * step * v1
-    )
-    v = 6 * (s - s**2) / step * (p1 - p0) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
-    return p, v
 
 
 class HumanMotion(LeafSystem):

@@ -5,19 +5,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ModelError, ParameterError
-from saphari_drake.math.curves import quintic
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.messages import Immutable
 from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.hand_law import hand_wrench, retreat, travel
 from saphari_drake.simulation.world.hand import HandParameters
 
 Array = NDArray[np.float64]
@@ -167,6 +166,7 @@ class HumanHand(LeafSystem):
         self._hand = self.DeclareVectorInputPort("hand_state", BasicVector(13))
         self._state = self.DeclareVectorInputPort("robot_state", BasicVector(2 * robot.n))
         start = _Memory(0, find_target(robot, robot.home, pushes[0]))
+        self._compile(start)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
         self.DeclarePeriodicUnrestrictedUpdateEvent(0.005, 0.0, self._update)
         self.DeclareVectorOutputPort(
@@ -184,6 +184,13 @@ class HumanHand(LeafSystem):
         """Pose of the hand before the first push, at the robot's home posture."""
         target = find_target(self._robot, self._robot.home, self._pushes[0])
         return RigidTransform(RotationMatrix(target.R_WH), self._standoff(target))
+
+    def _compile(self, memory: _Memory) -> None:
+        """Compile the law before the first step."""
+        previous = replace(memory, previous=memory.target)
+        released = replace(memory, p_release=memory.target.p_WT)
+        for case in (previous, released):
+            self._wrench(case, self._pushes[0].start - self.TRAVEL_TIME, np.array([1.0, *np.zeros(12)]))
 
     def _standoff(self, target: Target) -> Array:
         return target.p_WT - target.direction * (self.STANDOFF + self._params.finger_radius)
@@ -203,47 +210,35 @@ class HumanHand(LeafSystem):
     def _setpoint(self, memory: _Memory, time: float) -> tuple[Array, Array]:
         """Position (3,) and orientation (3, 3) that the person wants the hand to have."""
         push, target = self._pushes[memory.index], memory.target
-        standoff = self._standoff(target)
-        elapsed = time - push.start
+        standoff, elapsed = self._standoff(target), time - push.start
         if memory.p_release is not None:
-            left = quintic((elapsed - push.hold) / self.RETREAT_TIME)[0]
-            return memory.p_release + left * (standoff - memory.p_release), target.R_WH
+            return retreat(memory.p_release, standoff, (elapsed - push.hold) / self.RETREAT_TIME), target.R_WH
         if elapsed >= 0.0:
-            travel = self.STANDOFF + (push.depth or self.STANDOFF)
-            return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travel), target.R_WH
+            travelled = self.STANDOFF + (push.depth or self.STANDOFF)
+            return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travelled), target.R_WH
         if memory.previous is None:
             return standoff, target.R_WH
-        s = quintic(1.0 + elapsed / self.TRAVEL_TIME)[0]
-        start = self._standoff(memory.previous)
-        outward = 0.5 * (start + standoff) - np.array([0.0, 0.0, 0.6])
-        outward /= max(float(np.linalg.norm(outward)), 1e-6)
-        bulge = 4.0 * s * (1.0 - s) * 0.2 * outward
-        turn = RotationMatrix(memory.previous.R_WH.T @ target.R_WH).ToAngleAxis()
-        R = memory.previous.R_WH @ RotationMatrix(AngleAxis(s * turn.angle(), turn.axis())).matrix()
-        return start + s * (standoff - start) + bulge, R
+        before, share = memory.previous, 1.0 + elapsed / self.TRAVEL_TIME
+        return travel(self._standoff(before), before.R_WH, standoff, target.R_WH, share)
+
+    def _wrench(self, memory: _Memory, time: float, state: Array) -> Array:
+        """Torque and force on the hand (6,)."""
+        push, params, target = self._pushes[memory.index], self._params, memory.target
+        p_set, R_set = self._setpoint(memory, time)
+        elapsed, most = time - push.start, np.inf
+        stiffness, damping = params.stiffness, params.damping
+        if memory.p_release is None and elapsed >= 0.0:
+            stiffness, damping = push.stiffness or stiffness, push.damping or damping
+            wanted = self._profile(elapsed) if self._profile else None
+            if wanted is None:
+                most = push.force
+            else:
+                p_set = target.p_WT + params.finger_radius * target.n_W + self._stretch * wanted
+        turn = params.turn_stiffness, params.turn_damping
+        return hand_wrench(state, p_set, R_set, target.direction, most, stiffness, damping, *turn)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
-        push, params, time = self._pushes[memory.index], self._params, context.get_time()
-        state = self._hand.Eval(context)
-        q_WH, p_WH, w_WH, v_WH = state[:4], state[4:7], state[7:10], state[10:13]
-        p_set, R_set = self._setpoint(memory, time)
-        elapsed = time - push.start
-        pushing = memory.p_release is None and elapsed >= 0.0
-        wanted = self._profile(elapsed) if self._profile and pushing else None
-        if wanted is not None:
-            p_touch = memory.target.p_WT + params.finger_radius * memory.target.n_W
-            p_set = p_touch + self._stretch * wanted
-        stiffness = (pushing and push.stiffness) or params.stiffness
-        damping = (pushing and push.damping) or params.damping
-        spring = stiffness * (p_set - p_WH)
-        if pushing and wanted is None:
-            along = float(memory.target.direction @ spring)
-            spring += (min(along, push.force) - along) * memory.target.direction
-        force = spring - damping * v_WH
-        R_WH = Quaternion(wxyz=q_WH / np.linalg.norm(q_WH)).rotation()
-        error = RotationMatrix(R_set @ R_WH.T).ToAngleAxis()
-        torque = params.turn_stiffness * error.angle() * error.axis() - params.turn_damping * w_WH
         generalized = np.zeros(self._num_velocities)
-        generalized[self._slice] = [*torque, *force]
+        generalized[self._slice] = self._wrench(memory, context.get_time(), self._hand.Eval(context))
         output.SetFromVector(generalized)

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class RecordedPushParameters(RecordingParameters):
-    """How a recording becomes a push. All A."""
+    """How a recording becomes a push. All assumed."""
 
     # Share of the normal force that the tangential one may reach; must be below the friction of skin on the robot.
     friction_used: float = 0.4

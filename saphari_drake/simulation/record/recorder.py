@@ -23,7 +23,7 @@ from saphari_drake.simulation.record.log import RESERVED, Log
 
 
 class ValueToVector(LeafSystem):
-    """Turns the value of a port into a vector by a function.
+    """Turns the value of an abstract port into a vector by a function.
 
     .. pydrake_system::
 
@@ -35,24 +35,18 @@ class ValueToVector(LeafSystem):
 
     Ports
     -----
-    value : any value, abstract or vector.
+    value : any abstract value.
     vector : `size`, ``extract(value)``; unit and frame are those of the function.
     """
 
     def __init__(self, port: OutputPort, extract: Callable[[Any], ArrayLike], size: int) -> None:
         super().__init__()
         self._extract, self._size = extract, size
-        self._is_vector = port.get_data_type() == PortDataType.kVectorValued
-        if self._is_vector:
-            value = self.DeclareVectorInputPort("value", port.size())
-        else:
-            value = self.DeclareAbstractInputPort("value", port.Allocate())
-        self.DeclareVectorOutputPort("vector", size, self._calc, {value.ticket()})
+        self._value = self.DeclareAbstractInputPort("value", port.Allocate())
+        self.DeclareVectorOutputPort("vector", size, self._calc, {self._value.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        port = self.get_input_port()
-        value = port.Eval(context)
-        vector = np.asarray(self._extract(value), dtype=float).reshape(-1)
+        vector = np.asarray(self._extract(self._value.Eval(context)), dtype=float).reshape(-1)
         if vector.size != self._size:
             raise ParameterError(self.get_name(), f"extract gave {vector.size} numbers, {self._size} are declared")
         output.SetFromVector(vector)
@@ -76,7 +70,7 @@ class Recorder:
         if not (np.isfinite(period) and period > 0.0):
             raise ParameterError("period", f"must be positive and finite, got {period}")
         self._builder, self._period = builder, period
-        self._sinks: dict[str, tuple[VectorLogSink, str]] = {}
+        self._sinks: dict[str, tuple[VectorLogSink, str, Callable[[Any], ArrayLike] | None]] = {}
 
     def add(
         self,
@@ -97,25 +91,23 @@ class Recorder:
         unit : str
             Unit of the signal.
         extract : callable, optional
-            Turns the port's value into a vector; needed for an abstract port.
+            Turns the port's value into a vector; needed for an abstract port. Applied to a vector port after the run.
         size : int, optional
-            Size of that vector; default: that of ``extract`` applied to the port's default value.
+            Size of the vector of an abstract port; default: that of ``extract`` applied to the port's default value.
         """
         if name in self._sinks or name in RESERVED:
             raise ParameterError(name, "a signal of this name exists")
-        if extract is None and port.get_data_type() != PortDataType.kVectorValued:
-            raise ParameterError(name, "an abstract port needs extract, a function from its value to a vector")
-        if extract is not None:
-            if size is None:
-                value = port.Allocate().get_value()
-                size = np.size(extract(value.value() if isinstance(value, BasicVector) else value))
+        if port.get_data_type() != PortDataType.kVectorValued:
+            if extract is None:
+                raise ParameterError(name, "an abstract port needs extract, a function from its value to a vector")
+            size = np.size(extract(port.Allocate().get_value())) if size is None else size
             converter = self._builder.AddSystem(ValueToVector(port, extract, size))
             converter.set_name(f"record {name} every {self._period:g} s")
             self._builder.Connect(port, converter.get_input_port())
-            port = converter.get_output_port()
+            port, extract = converter.get_output_port(), None
         sink = LogVectorOutput(port, self._builder, self._period)
         sink.set_name(f"log {name} every {self._period:g} s")
-        self._sinks[name] = (sink, unit)
+        self._sinks[name] = (sink, unit, extract)
 
     def log(self, diagram: Diagram, root_context: Context) -> Log:
         """Return all signals recorded in the diagram's root context.
@@ -127,13 +119,15 @@ class Recorder:
         """
         if not self._sinks:
             raise ParameterError("recorder", "no port was added")
-        logs = {name: sink.FindLog(root_context) for name, (sink, _) in self._sinks.items()}
+        logs = {name: sink.FindLog(root_context) for name, (sink, *_) in self._sinks.items()}
         # A forced publish logs at its own time; of samples with the same time the last one counts.
         time, *others = [item.sample_times() for item in logs.values()]
         if not all(np.array_equal(time, other) for other in others):
             raise ParameterError("recorder", "the signals were logged at different times")
         keep = np.append(np.diff(time) > 0.0, True) if time.size else np.zeros(0, dtype=bool)
         result = Log(time[keep])
-        for name, item in logs.items():
-            result.add(name, item.data().T[keep], self._sinks[name][1])
+        for name, (_, unit, extract) in self._sinks.items():
+            rows = logs[name].data().T[keep]
+            values = rows if extract is None else np.reshape([extract(row) for row in rows], (len(rows), -1))
+            result.add(name, values, unit)
         return result

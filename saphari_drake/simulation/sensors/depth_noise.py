@@ -12,7 +12,7 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.messages import Immutable
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters
-from saphari_drake.simulation.sensors.depth_noise_kernels import noisy_image
+from saphari_drake.simulation.sensors.depth_noise_kernels import Noise, noisy_image
 from saphari_drake.systems import CYCLE_OFFSET
 
 Depth = NDArray[np.float32]
@@ -85,19 +85,33 @@ def add_kinect_noise(
     camera = camera or CameraParameters()
     if not params.enabled:
         return depth
-    z = np.where((depth > 0.0) & (depth < np.inf), depth, np.inf).astype(np.float32)
-    rows, cols = z.shape
-    cell = params.correlation_length
-    bits = rng.integers(0, 2**64, z.shape, dtype=np.uint64)
-    coarse = rng.standard_normal((int(rows / cell) + 2, int(cols / cell) + 2))
+    rows, cols = depth.shape
+    key = rng.integers(0, 2**64, dtype=np.uint64)
+    coarse = rng.standard_normal((int(rows / params.correlation_length) + 2, int(cols / params.correlation_length) + 2))
+    return noisy_image(depth, key, coarse, _noise(params, camera))
+
+
+def _noise(params: DepthNoiseParameters, camera: CameraParameters) -> Noise:
     fb = camera.focal_x * params.baseline
     variance = (params.sigma * fb / params.sigma_depth**2) ** 2 - params.disparity_step**2 / 12.0
-    return noisy_image(
-        z, bits, coarse, fb, camera.focal_x, params.disparity_step, np.sqrt(max(variance, 0.0)),
-        params.correlated_share, cell, params.edge_step, int(params.edge_width), params.edge_missing,
-        params.edge_flying, np.tan(params.grazing_start), np.tan(params.grazing_end), params.shadow, camera.near,
-        camera.far,
-    )  # fmt: skip
+    sigma = np.sqrt(max(variance, 0.0))
+    return Noise(
+        fb=np.float32(fb),
+        focal=np.float32(camera.focal_x),
+        step=np.float32(params.disparity_step),
+        own=sigma * np.sqrt(1.0 - params.correlated_share),
+        common=sigma * np.sqrt(params.correlated_share),
+        cell=params.correlation_length,
+        edge_step=params.edge_step,
+        edge_width=int(params.edge_width),
+        missing=params.edge_missing,
+        flying=params.edge_flying,
+        slope_start=np.tan(params.grazing_start),
+        slope_end=np.tan(params.grazing_end),
+        shadow=params.shadow,
+        near=np.float32(camera.near),
+        far=np.float32(camera.far),
+    )
 
 
 @dataclass
@@ -169,8 +183,8 @@ class DepthCameraSampler(LeafSystem):
         self._camera = camera
         self._params = params = params or SamplerParameters()
         empty = np.zeros((camera.height, camera.width), dtype=np.float32)
-        # Compiles the kernel before the first frame.
-        add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)
+        empty.flags.writeable = False  # as images have it
+        add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)  # compiles
         image = ImageDepth32F(camera.width, camera.height)
         self._input = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Frames(0, (), _Frame(empty, -1.0))))

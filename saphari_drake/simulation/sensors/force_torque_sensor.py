@@ -28,13 +28,13 @@ class ForceTorqueSensorParameters:
     period: float = 0.001
     # Seed of noise and bias, ≥ 0.
     seed: int = 0
-    # N and Nm; noise of each component, that of a six-axis sensor of this size. A.
+    # N and Nm; noise of each component, that of a six-axis sensor of this size. Assumed.
     noise_force: float = 0.05
     noise_torque: float = 0.001
-    # N and Nm; largest bias of each component, drawn once. A.
+    # N and Nm; largest bias of each component, drawn once. Assumed.
     bias_force: float = 2.0
     bias_torque: float = 0.05
-    # N and Nm; range of each component. A.
+    # N and Nm; range of each component. Assumed.
     range_force: float = 290.0
     range_torque: float = 10.0
 

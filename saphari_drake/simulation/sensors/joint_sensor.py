@@ -19,9 +19,9 @@ class JointSensorParameters:
 
     # s; sampling period, which is also the control cycle. The deliverable reports 5 ms.
     period: float = 0.005
-    # rad or m; size of one encoder step, 0 = exact. A.
+    # rad or m; size of one encoder step, 0 = exact. Assumed.
     position_resolution: float = 1.0e-5
-    # rad/s or m/s; step of the velocity that comes with the state, 0 = exact. Used only with differentiate = False. A.
+    # rad/s or m/s; step of the velocity that comes with the state, 0 = exact. Used if not differentiate. Assumed.
     velocity_resolution: float = 0.0
     # Whether velocity is the difference of two position samples (half a period late), as encoders give it.
     differentiate: bool = True

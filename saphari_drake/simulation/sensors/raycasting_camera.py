@@ -1,12 +1,13 @@
-"""A depth camera that casts rays with Open3D, for machines where no OpenGL driver exists."""
+"""A depth camera that casts the ray of each pixel itself: fast where shapes are primitives, and without a driver."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import (
     Box,
     Capsule,
@@ -14,33 +15,63 @@ from pydrake.geometry import (
     Cylinder,
     Ellipsoid,
     FrameId,
+    GeometryId,
     HalfSpace,
     Mesh,
+    QueryObject,
+    Role,
     SceneGraphInspector,
+    Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import SensorError
-from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
+from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bounding_capsules
+from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, pinhole
 from saphari_drake.perception.camera.open3d_import import import_open3d
-from saphari_drake.simulation.sensors.depth_camera import DepthCamera
+from saphari_drake.perception.segmentation.regions import region_near
+from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
 
-Vertices = NDArray[np.float32]
-Triangles = NDArray[np.uint32]
-
-_SEGMENTS = 72  # around a circle: a sphere of 0.1 m is off by 0.1 mm at most
+Depth = NDArray[np.float32]
+Triangles = tuple[NDArray[np.float32], NDArray[np.uint32]]  # vertices (m, in the shape's frame), and rows of three
 
 
-class RaycastingDepthCamera(DepthCamera):
-    """Depth camera that casts the ray of each pixel against triangles; ports and parameters: `DepthCamera`.
+class RaycastingDepthCamera(LeafSystem):
+    """Depth camera fixed in the world, of the geometry with the perception role that is registered by now.
 
-    Shapes become triangles at construction.
+    .. pydrake_system::
+
+        name: RaycastingDepthCamera
+        input_ports:
+        - geometry_query
+        output_ports:
+        - depth_image_32f
+        - image_time
+
+    Ports
+    -----
+    geometry_query : abstract `QueryObject`, from the SceneGraph's query port.
+    depth_image_32f : abstract `ImageDepth32F` (m along the optical axis): 0 nearer than `near`, +inf beyond `far`.
+    image_time : 1 (s), the time of the Context, at which the image is rendered.
+
+    Rays meet primitives exactly, and only in the pixels around the bounding capsules of what moves; the triangles of
+    meshes are Open3D's. A primitive is seen from outside: one that holds the camera is not seen.
+
+    Parameters
+    ----------
+    inspector : SceneGraphInspector
+        Of the SceneGraph that is connected.
+    params : CameraParameters
+    anchored : mapping from FrameId to RigidTransform
+        Poses in the world of frames that never move, beside the world's own; what they carry is drawn once.
 
     Raises
     ------
     SensorError
-        If Open3D cannot be imported or a shape cannot be turned into triangles.
+        If a shape is neither a primitive nor a mesh that can be read, or Open3D cannot be imported for one that is.
     """
 
     def __init__(
@@ -49,58 +80,111 @@ class RaycastingDepthCamera(DepthCamera):
         params: CameraParameters,
         anchored: Mapping[FrameId, RigidTransform] = MappingProxyType({}),
     ) -> None:
-        super().__init__(inspector, params, anchored)
-        self._o3d = import_open3d()
-        X_WC = camera_pose(params)
-        rays = np.empty((params.height, params.width, 6), dtype=np.float32)
-        rays[..., :3] = X_WC.translation()
-        rays[..., 3:] = back_projected(*ray_tables(params), np.ones(rays.shape[:2])) @ X_WC.rotation().matrix().T
-        self._rays = rays
-        self._meshes, fixed = (
-            [_triangulate(inspector.GetShape(g), inspector.GetName(g)) for g in part]
-            for part in (self._moving, self._fixed)
+        super().__init__()
+        self._near, self._far, self._X_CW = params.near, params.far, camera_pose(params).inverse()
+        X_WF = {inspector.world_frame_id(): RigidTransform(), **anchored}
+        self._moving: list[GeometryId] = []
+        fixed: dict[GeometryId, RigidTransform] = {}
+        for geometry in inspector.GetAllGeometryIds(Role.kPerception):
+            frame = inspector.GetFrameId(geometry)
+            if frame in X_WF:
+                fixed[geometry] = X_WF[frame] @ inspector.GetPoseInFrame(geometry)
+            else:
+                self._moving.append(geometry)
+        self._shapes = _Shapes(inspector, self._moving, params)
+        self._background = np.full((params.height, params.width), np.inf, dtype=np.float32)
+        _Shapes(inspector, list(fixed), params).draw(self._background, self._in_camera(list(fixed.values())))
+        self._query = self.DeclareAbstractInputPort("geometry_query", Value[QueryObject]())
+        self.DeclareAbstractOutputPort(
+            "depth_image_32f",
+            alloc=lambda: AbstractValue.Make(ImageDepth32F(params.width, params.height)),
+            calc=self._calc_image,
+            prerequisites_of_calc={self._query.ticket()},
         )
-        self._background = self._cast(fixed, list(self._fixed.values()))
+        self.DeclareVectorOutputPort(
+            "image_time", BasicVector(1), self._calc_time, prerequisites_of_calc={self.time_ticket()}
+        )
 
-    def _cast(self, meshes: list[tuple[Vertices, Triangles]], poses: list[RigidTransform]) -> NDArray[np.float32]:
+    def _in_camera(self, poses: Sequence[RigidTransform]) -> list[RigidTransform]:
+        return [self._X_CW @ X_WG for X_WG in poses]
+
+    def _calc_image(self, context: Context, output: AbstractValue) -> None:
+        query, depth = self._query.Eval(context), self._background.copy()
+        self._shapes.draw(depth, self._in_camera([query.GetPoseInWorld(geometry) for geometry in self._moving]))
+        depth[depth > self._far] = np.inf
+        depth[depth < self._near] = 0.0
+        output.get_mutable_value().mutable_data[..., 0] = depth
+
+    def _calc_time(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, context.get_time())
+
+
+class _Shapes:
+    """Shapes that are drawn together, the primitives among them and the meshes."""
+
+    def __init__(self, inspector: SceneGraphInspector, geometries: Sequence[GeometryId], params: CameraParameters):
+        shapes = [inspector.GetShape(geometry) for geometry in geometries]
+        known = [(i, *row) for i, row in enumerate(map(primitive, shapes)) if row is not None]
+        self._primitive = [i for i, *_ in known]
+        self._kind = np.array([kind for _, kind, _ in known], dtype=np.int64)
+        self._size = np.array([size for *_, size in known]).reshape(-1, 3)
+        self._bounds = bounding_capsules(np.where(self._kind == ELLIPSOID, BOX, self._kind), self._size)
+        self._pinhole = pinhole(params)
+        self._meshes = {
+            i: _triangles(shapes[i], inspector.GetName(geometry))
+            for i, geometry in enumerate(geometries)
+            if i not in self._primitive
+        }
+        self._rays = np.zeros((params.height, params.width, 6), dtype=np.float32)
+        # Of length 1 along the optical axis, so that the hit parameter is the depth.
+        self._rays[..., 3:] = back_projected(self._pinhole.x, self._pinhole.y, np.ones(self._rays.shape[:2]))
+
+    def draw(self, depth: Depth, X_CS: Sequence[RigidTransform]) -> None:
+        """Lower a depth image to the shapes at their poses in the camera frame, wherever they are nearer."""
+        R = np.array([X_CS[i].rotation().matrix() for i in self._primitive]).reshape(-1, 3, 3)
+        p = np.array([X_CS[i].translation() for i in self._primitive]).reshape(-1, 3)
+        primitives = Primitives(self._kind, self._size, np.zeros_like(self._kind), R, p)
+        region = region_near(primitives, self._bounds, 0.0, self._pinhole)
+        everywhere = self._kind == HALF_SPACE
+        region.left[everywhere], region.right[everywhere] = 0, depth.shape[1]
+        draw(depth, self._kind, self._size, R, p, region.left, region.right, self._pinhole.x, self._pinhole.y)
+        if self._meshes:
+            np.minimum(depth, self._cast(X_CS), out=depth)
+
+    def _cast(self, X_CS: Sequence[RigidTransform]) -> Depth:
         """Return the depth of the nearest triangle in each pixel, +inf without one."""
-        if not meshes:
-            return np.full(self._rays.shape[:2], np.inf, dtype=np.float32)
-        scene = self._o3d.t.geometry.RaycastingScene()
-        offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
-        vertices = np.concatenate([_moved(pose, vertices) for (vertices, _), pose in zip(meshes, poses)])
-        triangles = np.concatenate([triangles + np.uint32(k) for (_, triangles), k in zip(meshes, offsets)])
-        tensor = self._o3d.core.Tensor.from_numpy
-        scene.add_triangles(tensor(vertices), tensor(triangles))
-        # The rays have length 1 along the optical axis, so that the hit parameter is the depth.
-        return scene.cast_rays(tensor(self._rays))["t_hit"].numpy().copy()
-
-    def _depth(self, poses: list[RigidTransform]) -> NDArray[np.float32]:
-        return np.minimum(self._cast(self._meshes, poses), self._background)
+        o3d = import_open3d()
+        tensor, scene = o3d.core.Tensor.from_numpy, o3d.t.geometry.RaycastingScene()
+        for i, (vertices, triangles) in self._meshes.items():
+            moved = X_CS[i].multiply(vertices.T.astype(float)).T
+            scene.add_triangles(tensor(np.ascontiguousarray(moved, dtype=np.float32)), tensor(triangles))
+        return scene.cast_rays(tensor(self._rays))["t_hit"].numpy()
 
 
-def _moved(X_WG: RigidTransform, vertices: Vertices) -> Vertices:
-    moved = vertices @ X_WG.rotation().matrix().astype(np.float32).T
-    return moved + X_WG.translation().astype(np.float32)
+def meshes(inspector: SceneGraphInspector) -> bool:
+    """Whether a shape with the perception role is no primitive."""
+    seen = inspector.GetAllGeometryIds(Role.kPerception)
+    return any(primitive(inspector.GetShape(geometry)) is None for geometry in seen)
 
 
-def _triangulate(shape, name: str) -> tuple[Vertices, Triangles]:
-    """Vertices (m, in the shape's frame) and triangles of a shape."""
+def primitive(shape: Shape) -> tuple[int, tuple[float, float, float]] | None:
+    """Return kind and size of a shape as `draw` takes them, None for a mesh."""
     if isinstance(shape, Sphere):
-        return _revolved(*_arc(shape.radius(), 0.0))
-    if isinstance(shape, Ellipsoid):
-        vertices, triangles = _revolved(*_arc(1.0, 0.0))
-        return vertices * np.array([shape.a(), shape.b(), shape.c()], dtype=np.float32), triangles
+        return CAPSULE, (shape.radius(), 0.0, 0.0)
     if isinstance(shape, Capsule):
-        return _revolved(*_arc(shape.radius(), shape.length() / 2))
+        return CAPSULE, (shape.radius(), shape.length() / 2, 0.0)
     if isinstance(shape, Cylinder):
-        radius, half = shape.radius(), shape.length() / 2
-        return _revolved(np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half]))
+        return CYLINDER, (shape.radius(), shape.length() / 2, 0.0)
     if isinstance(shape, Box):
-        return _box(np.array([shape.width(), shape.depth(), shape.height()]) / 2)
+        return BOX, (shape.width() / 2, shape.depth() / 2, shape.height() / 2)
+    if isinstance(shape, Ellipsoid):
+        return ELLIPSOID, (shape.a(), shape.b(), shape.c())
     if isinstance(shape, HalfSpace):
-        vertices, triangles = _box(np.array([50.0, 50.0, 0.5]))
-        return vertices - np.array([0.0, 0.0, 0.5], dtype=np.float32), triangles
+        return HALF_SPACE, (1.0, 0.0, 0.0)  # any size: it is looked for in all pixels
+    return None
+
+
+def _triangles(shape: Shape, name: str) -> Triangles:
     if isinstance(shape, Convex) or (isinstance(shape, Mesh) and not shape.source().is_path()):
         return _hull(shape)
     if isinstance(shape, Mesh):
@@ -111,37 +195,7 @@ def _triangulate(shape, name: str) -> tuple[Vertices, Triangles]:
     raise SensorError(f"geometry '{name}': the ray-casting camera cannot show a {type(shape).__name__}")
 
 
-def _arc(radius: float, half: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Profile (distance from z, height) of a capsule around z."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 2)
-    angle = np.insert(angle, len(angle) // 2, 0.0) if half > 0.0 else angle
-    height = radius * np.sin(angle)
-    height += half * np.where(np.arange(len(angle)) < len(angle) / 2, -1.0, 1.0)
-    return radius * np.cos(angle), height
-
-
-def _revolved(rho: NDArray[np.float64], z: NDArray[np.float64]) -> tuple[Vertices, Triangles]:
-    """Revolve a profile around z."""
-    k = len(rho)
-    angle = np.arange(_SEGMENTS) * 2 * np.pi / _SEGMENTS
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(_SEGMENTS)], axis=-1)
-    vertices = rho[:, None, None] * ring + z[:, None, None] * np.array([0.0, 0.0, 1.0])
-    i, j = np.meshgrid(np.arange(k - 1), np.arange(_SEGMENTS), indexing="ij")
-    a, b = i * _SEGMENTS + j, i * _SEGMENTS + (j + 1) % _SEGMENTS
-    first = np.stack([a, b, b + _SEGMENTS], axis=-1)
-    second = np.stack([a, b + _SEGMENTS, a + _SEGMENTS], axis=-1)
-    triangles = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
-    return vertices.reshape(-1, 3).astype(np.float32), triangles.astype(np.uint32)
-
-
-def _box(half: NDArray[np.float64]) -> tuple[Vertices, Triangles]:
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
-    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    triangles = [corner for a, b, c, d in faces for corner in ([a, b, c], [a, c, d])]
-    return corners.astype(np.float32), np.array(triangles, dtype=np.uint32)
-
-
-def _hull(shape: Convex | Mesh) -> tuple[Vertices, Triangles]:
+def _hull(shape: Convex | Mesh) -> Triangles:
     """Triangles of the convex hull of a mesh that has no file, or is meant as convex."""
     hull = shape.GetConvexHull()
     vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())], dtype=np.float32)

@@ -22,8 +22,7 @@ from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from saphari_drake.errors import SensorError
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose
-from saphari_drake.simulation.sensors.primitive_camera import PrimitiveDepthCamera, meshes
-from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera
+from saphari_drake.simulation.sensors.raycasting_camera import RaycastingDepthCamera, meshes
 
 RENDERER = "saphari_drake_depth"
 
@@ -95,6 +94,10 @@ def add_depth_camera(
     and +inf too far or nothing) and `image_time` (s) have the same names with all engines, and it renders when
     `depth_image_32f` is evaluated. All geometry must be registered before this call.
 
+    The renderer "auto" is "raycast" where every shape that is seen is a sphere, ellipsoid, capsule, cylinder, box or
+    half space. One mesh or convex hull, and the whole image is VTK's, but on a machine where VTK cannot start. The two
+    differ by the triangles that VTK makes of round shapes, and at outlines by a pixel.
+
     Parameters
     ----------
     builder : DiagramBuilder
@@ -110,11 +113,8 @@ def add_depth_camera(
     SensorError
         If the chosen engine cannot be started, or cannot show a shape.
     """
-    renderer = _chosen(scene_graph, params)
     camera: LeafSystem | RgbdSensor
-    if renderer == "primitives":
-        camera = PrimitiveDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
-    elif renderer == "vtk":
+    if _chosen(scene_graph, params) == "vtk":
         camera = _vtk_camera(scene_graph, params)
     else:
         camera = RaycastingDepthCamera(scene_graph.model_inspector(), params, _anchored(builder))
@@ -138,9 +138,7 @@ def _anchored(builder: DiagramBuilder) -> dict[FrameId, RigidTransform]:
 def _chosen(scene_graph: SceneGraph, params: CameraParameters) -> str:
     if params.renderer != "auto":
         return params.renderer
-    if not _renderer_problem():
-        return "vtk"
-    return "raycast" if meshes(scene_graph.model_inspector()) else "primitives"
+    return "vtk" if meshes(scene_graph.model_inspector()) and not _renderer_problem() else "raycast"
 
 
 def _vtk_camera(scene_graph: SceneGraph, params: CameraParameters) -> RgbdSensor:

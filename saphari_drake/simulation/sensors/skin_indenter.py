@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.perception.skin.calibration import IndenterData, SkinCalibration, calibrate
+from saphari_drake.perception.skin.calibration import IndenterData
 from saphari_drake.perception.skin.layout import CELLS, neighbour_table
-from saphari_drake.simulation.sensors.skin_modules import SkinModules, Touch
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class IndenterParameters:
     # N; least and largest force into the surface, > 0.
     least_force: float = 0.3
     largest_force: float = 18.0
-    # Largest tangential force as a share of it. A.
+    # Largest tangential force as a share of it. Assumed.
     friction: float = 0.8
     # m; radius of the tip, which fits on one module.
     tip_radius: float = 0.0015
@@ -50,7 +50,7 @@ def indent(modules: SkinModules, params: IndenterParameters | None = None) -> In
         across, turn = params.friction * np.sqrt(rng.random(count)), 2.0 * np.pi * rng.random(count)
         f_M = pressing[:, None] * np.stack([across * np.cos(turn), across * np.sin(turn), -np.ones(count)], axis=1)
         # The load of one press spreads as that of any other: unit forces along the axes of the module.
-        unit = [modules.forces([Touch(layout.p_LM[i], axis, params.tip_radius)])[0] for axis in layout.R_LM[i].T]
+        unit = [modules.forces([SkinLoad(layout.p_LM[i], axis, params.tip_radius)])[0] for axis in layout.R_LM[i].T]
         loads = np.einsum("pa,amj->pmj", f_M, np.array(unit))
         extra = noise * rng.standard_normal((count, layout.count, CELLS))
         read = modules.voltages(loads, np.zeros((layout.count, 2)), extra)
@@ -63,8 +63,3 @@ def indent(modules: SkinModules, params: IndenterParameters | None = None) -> In
     pressed = np.repeat(np.arange(layout.count), count)
     limits = np.array(modules.params.voltage_range, dtype=float)
     return IndenterData(pressed, np.concatenate(forces), voltages.reshape(-1, 9, CELLS), rest, limits)
-
-
-def calibrate_modules(modules: SkinModules, params: IndenterParameters | None = None) -> SkinCalibration:
-    """Press a simulated patch and fit its calibration."""
-    return calibrate(modules.layout, indent(modules, params))

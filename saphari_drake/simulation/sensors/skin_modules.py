@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_choice, require_non_negative, require_positive
-from saphari_drake.perception.skin.kernels import spread_touch
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout, neighbour_table
+from saphari_drake.simulation.sensors.skin_spread import Ellipse, Patch, spread_load
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ _SIGN = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])  # where 
 
 @dataclass
 class SkinModuleParameters:
-    """The modules as they came from assembly; all values A."""
+    """The modules as they came from assembly; all values assumed."""
 
     # Seed of the differences from module to module, ≥ 0.
     seed: int = 0
@@ -61,7 +61,7 @@ class SkinModuleParameters:
 
 
 @dataclass(frozen=True)
-class Touch:
+class SkinLoad:
     """One contact on the skin.
 
     Attributes
@@ -129,22 +129,23 @@ class SkinModules:
         share = np.array([1.0] * 4 + [0.5] * 4)[None, :, None] * np.where(self._neighbours < 0, 0.0, 1.0)[:, :, None]
         share = params.crosstalk * share * (1.0 + params.crosstalk_spread * rng.uniform(-1.0, 1.0, (m, 8, CELLS)))
         self._crosstalk = share[..., None] * self.weight[self._neighbours]
-        self.forces([Touch(layout.p_LP, -layout.R_LP[:, 2])])  # compiles
+        self.forces([SkinLoad(layout.p_LP, -layout.R_LP[:, 2])])  # compiles
 
-    def forces(self, touches: Sequence[Touch]) -> tuple[Array, Array]:
+    def forces(self, touches: Sequence[SkinLoad]) -> tuple[Array, Array]:
         """Return the force on each module (m, 3), N, in its own frame, and where its pressure acts (m, 2), −1 … 1."""
         layout = self.layout
         total, lean_load, pressure = np.zeros((layout.count, 3)), np.zeros((layout.count, 2)), np.zeros(layout.count)
         share, shear = np.empty(layout.count), np.empty(layout.count)
         lean, unused = np.empty((layout.count, 2)), np.empty((layout.count, 2))
+        patch = Patch(layout.rows, layout.columns, layout.pitch, self.params.layer)
         for touch in touches:
             uv, _ = layout.coordinates(touch.p_LC)
             normal = layout.surface(uv)[1][:, 2]
             pressing = float(normal @ touch.f_L)
             sheared = touch.f_L - pressing * normal
-            shape = layout.rows, layout.columns, layout.pitch, uv, touch.radius, touch.aspect, touch.turn
-            spread_touch(*shape, touch.exponent, self.params.layer, share, lean)
-            spread_touch(*shape, touch.shear_exponent, self.params.layer, shear, unused)
+            ellipse = Ellipse(uv, touch.radius, touch.aspect, touch.turn)
+            spread_load(patch, ellipse, touch.exponent, share, lean)
+            spread_load(patch, ellipse, touch.shear_exponent, shear, unused)
             total += share[:, None] * (pressing * normal) + shear[:, None] * sheared
             pressure += abs(pressing) * share
             lean_load += (abs(pressing) * share)[:, None] * lean

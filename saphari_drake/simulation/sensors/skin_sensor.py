@@ -13,7 +13,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSys
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import CELLS, SkinLayout
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters, SkinModules, Touch
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModuleParameters, SkinModules
 from saphari_drake.systems import cycle
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class SkinSensorParameters:
-    """The modules, and what disturbs them while they are read; all values A."""
+    """The modules, and what disturbs them while they are read; all values assumed."""
 
     modules: SkinModuleParameters = field(default_factory=SkinModuleParameters)
     # s; sampling period.
@@ -114,7 +114,7 @@ class SkinSensor(LeafSystem):
         self.DeclareStateOutputPort("voltages", self._voltages)
         self.DeclareStateOutputPort("sample_time", self._time)
 
-    def touches(self, context: Context) -> list[Touch]:
+    def touches(self, context: Context) -> list[SkinLoad]:
         """Return the contacts on the link at this moment, in the link frame."""
         q = self._state.Eval(context)[: self._robot.n]
         motion, link = self._robot.kinematics(q), self._layout.link
@@ -136,12 +136,12 @@ class SkinSensor(LeafSystem):
                     touches += self._touch(X_LB @ force.p_BoBq_B, R_WL.T @ force.F_Bq_W.translational())
         return touches
 
-    def _touch(self, p_LC: Array, f_L: Array) -> list[Touch]:
+    def _touch(self, p_LC: Array, f_L: Array) -> list[SkinLoad]:
         size = float(np.linalg.norm(f_L))
         _, height = self._layout.coordinates(p_LC)
         if size == 0.0 or abs(height) > self._params.reach:
             return []
-        return [Touch(p_LC, f_L, self._params.contact_radius * (size / 10.0) ** (1.0 / 3.0))]
+        return [SkinLoad(p_LC, f_L, self._params.contact_radius * (size / 10.0) ** (1.0 / 3.0))]
 
     def _sample(self, context: Context, state: State) -> EventStatus:
         params, now = self._params, context.get_time()

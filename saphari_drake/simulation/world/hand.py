@@ -16,7 +16,7 @@ _SKIN = np.array([0.89, 0.71, 0.58, 1.0])
 
 @dataclass
 class HandParameters:
-    """A hand with stretched finger and forearm, and how it gives way. All A."""
+    """A hand with stretched finger and forearm, and how it gives way. All assumed."""
 
     # m; finger (the part that touches), fist and forearm.
     finger_radius: float = 0.012

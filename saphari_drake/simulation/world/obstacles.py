@@ -29,8 +29,8 @@ _FAR = 1.0  # m; from where the way of the ball to the arm is searched
 
 
 @dataclass
-class Touch:
-    """Where on the arm, and from where. All A."""
+class TouchPlace:
+    """Where on the arm, and from where. All assumed."""
 
     # Link whose cover is touched. The covers of neighbours overlap at a joint, where both would push: they do not.
     link: str = "link_3"
@@ -48,9 +48,9 @@ class Touch:
 
 @dataclass
 class BallParameters:
-    """Ball and its carrier. Stiffness, speed and dwell: the deliverable; the others A."""
+    """Ball and its carrier. Stiffness, speed and dwell: the deliverable; the others assumed."""
 
-    touch: Touch = field(default_factory=Touch)
+    touch: TouchPlace = field(default_factory=TouchPlace)
     # m.
     radius: float = 0.06
     # N/m; of the ball alone: the arm's cover is rigid.
@@ -99,7 +99,7 @@ def ball_path(params: BallParameters) -> PiecewisePolynomial:
     return PiecewisePolynomial.FirstOrderHold(times, [[0.0, 0.0, reach, reach, 0.0, 0.0]])
 
 
-def approach(robot: RobotModel, touch: Touch, radius: float) -> tuple[Array, Array]:
+def approach(robot: RobotModel, touch: TouchPlace, radius: float) -> tuple[Array, Array]:
     """Return where a ball's centre is when it first touches the link at home (m, world), and the unit direction.
 
     Raises
@@ -158,9 +158,9 @@ class Ball(Body):
 
 @dataclass
 class WallParameters:
-    """A wall that faces the arm, with a soft pad. All A."""
+    """A wall that faces the arm, with a soft pad. All assumed."""
 
-    touch: Touch = field(default_factory=lambda: Touch(direction=[0.0, -1.0, 0.0]))
+    touch: TouchPlace = field(default_factory=lambda: TouchPlace(direction=[0.0, -1.0, 0.0]))
     # m; distance of its surface from the cover of the arm at home.
     gap: float = 0.02
     # N/m, s/m and –; of the pad.

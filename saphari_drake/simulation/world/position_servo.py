@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class PositionServoParameters:
-    """Gains of the arm's own servo; A."""
+    """Gains of the arm's own servo; assumed."""
 
     # 1/s², 1/s; stiff: 200 rad/s, critically damped.
     stiffness: float = 40000.0

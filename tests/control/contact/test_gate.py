@@ -62,3 +62,26 @@ def test_speed_stop_looks_ahead():
     assert not ForceGate(open=True).checked(v, 0.1 * a, PARAMS).stopped
     assert ForceGate(open=True).checked(v, a, PARAMS).stopped
     assert ForceGate(open=True).checked(2.4 * v, -a, PARAMS).stopped
+
+
+def test_a_hand_that_leaves_is_followed_so_far_and_no_farther():
+    """Against the desired force, that is towards the hand; what the hand pushes back counts as way back."""
+    params = ContactForceControlParameters(follow_limit=0.05)
+    gate, F_d, u = ForceGate(open=True, size=15.0), np.array([0.0, 15.0, 0.0]), np.array([0.0, -1.0, 0.0])
+    for _ in range(40):
+        gate = gate.following(0.2 * u, F_d, params)
+    assert gate.open and gate.followed == pytest.approx(0.04)
+    for _ in range(20):
+        gate = gate.following(-0.2 * u, F_d, params)
+    assert gate.followed == pytest.approx(0.02)
+    for _ in range(40):
+        gate = gate.following(0.2 * u, F_d, params)
+    assert gate.stopped and not gate.open
+    np.testing.assert_array_equal(gate.stop_velocity, 0.2 * u)
+
+
+def test_the_stop_looks_ahead_farther_by_the_delay_of_the_torque():
+    now, later = ContactForceControlParameters(), ContactForceControlParameters(torque_delay=0.01)
+    v, a, gate = np.array([0.1, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]), ForceGate(open=True)
+    assert not gate.checked(v, a, now).stopped
+    assert gate.checked(v, a, later).stopped

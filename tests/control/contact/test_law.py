@@ -11,6 +11,7 @@ from saphari_drake.control.contact.law import (
     contact_impedance_torque,
     observable_part,
 )
+from saphari_drake.control.contact.law import eased as eased_gain
 from saphari_drake.control.contact.parameters import ContactImpedanceParameters
 from saphari_drake.estimation.contact_force import ContactForceParameters, estimate_contact_force
 from saphari_drake.math.task_space import consistent_inverse
@@ -229,7 +230,7 @@ def contact_acceleration(terms, point, torque, F):
 @pytest.mark.parametrize("M_d", FORCE_INERTIAS)
 def test_closed_loop_of_the_force(lwr4, M_d):
     """M_d ẍ + K_d ẋ = K_f (F − F_d) for an exact F̂, with M_d = Λ for the natural inertia."""
-    gains, tested = gains_of(lwr4, M_d=M_d, K_f=[4.1, 3.0, 2.0], K_d=[10.5, 20.0, 5.0]), 0
+    gains, tested = gains_of(lwr4, M_d=M_d, K_f=[4.1, 3.0, 2.0], K_d=[10.5, 20.0, 5.0], least_effective_mass=0.0), 0
     for terms, point, F, F_d in contacts(lwr4, [3, 4, 5, 6], 100):
         if np.linalg.eigvalsh(mobility(terms, point))[0] < 1.0 / MAX_MASS:
             continue
@@ -303,3 +304,13 @@ def test_drift_grows_as_predicted(lwr4):
     expected = free_drift_speed(15.0, 4.1, 10.5, 10.0, 0.001 * np.arange(200))
     np.testing.assert_allclose(-velocity[:, 1], expected, atol=0.01)
     np.testing.assert_allclose(velocity[:, [0, 2]], 0.0, atol=0.01)
+
+
+def test_gains_of_a_light_contact_fall_with_its_mass():
+    """Along the light direction alone; a heavy contact has the gains themselves."""
+    K, R = np.diag([80.0, 60.0, 40.0]), np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    assert eased_gain(np.diag([0.8, 2.0, 5.0]), K, 0.8) is K
+    light = R @ np.diag([0.2, 2.0, 5.0]) @ R.T
+    eased = eased_gain(light, 80.0 * np.eye(3), 0.8)
+    np.testing.assert_allclose(np.linalg.eigvalsh(eased), [20.0, 80.0, 80.0])
+    assert np.max(np.abs(np.linalg.eigvals(np.linalg.solve(light, eased)))) <= 100.0 + 1e-9

@@ -51,7 +51,7 @@ def test_the_arm_settles_below_and_oscillates_above(lwr4, K_I, factor, stable):
     limit = max_hand_stiffness(10.5, 4.1, K_I, mass, delay=0.0025)
     F0 = np.array([0.0, -15.0, 0.0])
     hand = spring(lwr4, factor * limit, 0.0, 1.05 * F0)
-    _, velocity = simulate(lwr4, gains_of(lwr4, M_d=[]), hand, lambda F: F0, 4.0, K_I)
+    _, velocity = simulate(lwr4, gains_of(lwr4, M_d=[]), hand, lambda F: F0, 10.0, K_I)
     speed = np.linalg.norm(velocity, axis=1)
     early, late = speed[:500].max(), speed[-500:].max()
     assert (late < 0.1 * early) if stable else (late > 3.0 * early)

@@ -69,7 +69,7 @@ def moving(lwr4):
     ("mode", "selected"),
     [
         (HOLD, CommandMode.HOLD), (CONTACT, CommandMode.PASS), (RETURN, CommandMode.PASS), (YIELD, CommandMode.YIELD),
-        (STOP, CommandMode.YIELD),
+        (STOP, CommandMode.BRAKE),
     ],
 )  # fmt: skip
 def test_selects_by_mode_and_carries_the_weight_meanwhile(moving, lwr4, mode, selected):
@@ -106,9 +106,9 @@ def test_return_is_the_same_law_as_contact(moving):
 @pytest.mark.parametrize("after", InteractionMode)
 @pytest.mark.parametrize("before", InteractionMode)
 def test_change_of_mode_makes_no_jump_and_fades(moving, before, after):
-    """The torque goes on from where it was, and tends to that of the new law with the transition time."""
-    fade = 0.1
-    bench, alone = moving(before, transition_time=fade), moving(after)
+    """The torque goes on from where it was, and tends to that of the new law with its time; a stop is quick."""
+    fade = 0.01 if after == STOP else 0.1
+    bench, alone = moving(before, transition_time=0.1), moving(after)
     bench.run(3)
     old, new = bench.torque, alone.torque
     bench.set(interaction=bench.mode(after, onset=1))

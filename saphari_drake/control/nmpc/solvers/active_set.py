@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.control.nmpc.solvers.subproblem import LIMITS
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def empty_set(qp):
     return ActiveSet(
         np.zeros(1, np.int64),
         np.empty(most, np.int64),
-        np.zeros(4 * N * n + rows + qp.slip.z.shape[0], np.bool_),
+        np.zeros(LIMITS * N * n + rows + qp.slip.z.shape[0], np.bool_),
         np.zeros(most, np.bool_),
         np.empty((most, N, n)),
         np.empty(most, np.int64),
@@ -59,23 +60,29 @@ def empty_set(qp):
 def load(qp, index, c):
     """Write constraint `index` as c (N, n) of cᵀδ ≥ b; return b and the first stage that it touches.
 
-    First come the limits of velocity, upper and lower of each joint stage by stage, then those of position, then the
-    distance rows, then the slip rows.
+    First come the limits of velocity, upper and lower of each joint stage by stage, then those of position, then those
+    of the change of velocity, then the distance rows, then the slip rows.
     """
     N, n = qp.g.shape
     c[:] = 0.0
     limits = 2 * N * n
-    if index < 2 * limits:
+    if index < 3 * limits:
         half = index % limits
         side, k, j = half % 2, half // 2 // n, half // 2 % n
         sign = -1.0 if side == 0 else 1.0
         c[k, j] = sign
+        if index >= 2 * limits:
+            if k > 0:
+                c[k - 1, j] = -2.0 * sign
+            if k > 1:
+                c[k - 2, j] = sign
+            return (-qp.a_high[k, j] if side == 0 else qp.a_low[k, j]), max(k - 2, 0)
         if index >= limits:
             return (-qp.high[k, j] if side == 0 else qp.low[k, j]), k
         if k > 0:
             c[k - 1, j] = -sign
         return (-qp.v_high[k, j] if side == 0 else qp.v_low[k, j]), max(k - 1, 0)
-    r, rows = index - 2 * limits, qp.rows
+    r, rows = index - 3 * limits, qp.rows
     if r >= rows.z.shape[0]:
         r -= rows.z.shape[0]
         rows = qp.slip
@@ -95,12 +102,16 @@ def most_violated(qp, x, listed):
     for k in range(N):
         for j in range(n):
             i = 2 * (k * n + j)
-            step = x[k, j] - (x[k - 1, j] if k > 0 else 0.0)
+            before = x[k - 1, j] if k > 0 else 0.0
+            step = x[k, j] - before
+            turn = step - before + (x[k - 2, j] if k > 1 else 0.0)
             for index, s in (
                 (i, qp.v_high[k, j] - step),
                 (i + 1, step - qp.v_low[k, j]),
                 (limits + i, qp.high[k, j] - x[k, j]),
                 (limits + i + 1, x[k, j] - qp.low[k, j]),
+                (2 * limits + i, qp.a_high[k, j] - turn),
+                (2 * limits + i + 1, turn - qp.a_low[k, j]),
             ):
                 if s < worst and not listed[index]:
                     worst, found = s, index
@@ -111,8 +122,8 @@ def most_violated(qp, x, listed):
             s += qp.rows.b[r, j] * x[k, j]
             if k > 0:
                 s += qp.rows.a[r, j] * x[k - 1, j]
-        if s < worst and not listed[2 * limits + r]:
-            worst, found = s, 2 * limits + r
+        if s < worst and not listed[3 * limits + r]:
+            worst, found = s, 3 * limits + r
     return found, worst
 
 

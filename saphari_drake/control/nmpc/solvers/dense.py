@@ -36,7 +36,8 @@ def solve_dense(qp: Subproblem, passes: int = 20) -> QpSolution:
 def _solve(qp: Subproblem, slacks: int, passes: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Return (δ, s), absolute multipliers of distances and slip, and DAQP's exit flag; all rows or none are soft."""
     (N, n), size, rows, e = qp.g.shape, qp.g.size, len(qp.rows.z), len(qp.slip.z)
-    H, A = np.zeros((size + slacks, size + slacks)), np.zeros((size + rows + e, size + slacks))
+    turns = np.flatnonzero(np.isfinite(qp.a_high.ravel()))
+    H, A = np.zeros((size + slacks, size + slacks)), np.zeros((size + len(turns) + rows + e, size + slacks))
     H[size:, size:] = qp.price * np.eye(slacks)
     for k in range(N):
         here, before = slice(k * n, k * n + n), slice(k * n - n, k * n)
@@ -44,11 +45,16 @@ def _solve(qp: Subproblem, slacks: int, passes: int) -> tuple[np.ndarray, np.nda
         if k > 0:
             H[here, before] = H[before, here] = -np.diag(qp.off)
             A[here, before] = -np.eye(n)
-    A[size : size + rows, :size], A[size + rows :, :size] = spread(qp.rows, N), spread(qp.slip, N)
-    A[size : size + slacks, size:] = np.eye(slacks)
-    lower = np.concatenate([qp.low.ravel(), np.zeros(slacks), qp.v_low.ravel(), -qp.rows.z, -qp.slip.z])
+    change = A[:size, :size].copy()
+    change[n:] -= A[: size - n, :size]
+    first = size + len(turns)
+    A[size:first, :size] = change[turns]
+    A[first : first + rows, :size], A[first + rows :, :size] = spread(qp.rows, N), spread(qp.slip, N)
+    A[first : first + slacks, size:] = np.eye(slacks)
+    a_low, a_high = qp.a_low.ravel()[turns], qp.a_high.ravel()[turns]
+    lower = np.concatenate([qp.low.ravel(), np.zeros(slacks), qp.v_low.ravel(), a_low, -qp.rows.z, -qp.slip.z])
     none = np.full(slacks + rows, np.inf)
-    upper = np.concatenate([qp.high.ravel(), none[:slacks], qp.v_high.ravel(), none[slacks:], -qp.slip.z])
+    upper = np.concatenate([qp.high.ravel(), none[:slacks], qp.v_high.ravel(), a_high, none[slacks:], -qp.slip.z])
     if np.any(lower > upper):  # which DAQP does not notice
         return np.zeros(len(H)), np.zeros(rows + e), -1
     x, _, flag, info = daqp.solve(
@@ -61,4 +67,4 @@ def _solve(qp: Subproblem, slacks: int, passes: int) -> tuple[np.ndarray, np.nda
         primal_tol=1e-9,
         iter_limit=passes * size,
     )
-    return np.asarray(x), np.abs(info["lam"])[2 * size + slacks :], flag
+    return np.asarray(x), np.abs(info["lam"])[2 * size + slacks + len(turns) :], flag

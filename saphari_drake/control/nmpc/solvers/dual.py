@@ -22,7 +22,7 @@ from saphari_drake.control.nmpc.solvers.active_set import (
     remove,
     solve,
 )
-from saphari_drake.control.nmpc.solvers.subproblem import QpSolution, QpStatus, solve_lower, solve_upper
+from saphari_drake.control.nmpc.solvers.subproblem import LIMITS, QpSolution, QpStatus, solve_lower, solve_upper
 
 # What ends a step, if it is not an active constraint: the violation is gone, or the row's multiplier is its price.
 _FULL, _PRICE = -1, -2
@@ -65,7 +65,7 @@ def solve_qp(qp, guess, passes=20):
 @njit(cache=True)
 def _start(qp, at, guess, y):
     """Add equalities and the guess at once, drop or soften what has a multiplier of the wrong sign; update y."""
-    first_slip = 4 * y.size + qp.rows.z.shape[0]
+    first_slip = LIMITS * y.size + qp.rows.z.shape[0]
     equalities = qp.slip.z.shape[0]
     w, right = np.empty_like(y), np.empty_like(at.lam)
     for e in range(equalities + guess.shape[0]):
@@ -94,7 +94,7 @@ def _start(qp, at, guess, y):
 @njit(cache=True)
 def _correct(qp, at):
     """Drop what has λ < 0, soften or harden rows by λ and the price; return the first place changed, or a later one."""
-    first_row = 4 * qp.g.size
+    first_row = LIMITS * qp.g.size
     first_slip = first_row + qp.rows.z.shape[0]
     changed, i = at.lam.shape[0], 0
     while i < at.size[0]:
@@ -116,7 +116,7 @@ def _activate(qp, at, p, violation, y, steps, most_steps):
     w, right, r = np.empty_like(y), np.empty_like(at.lam), np.empty_like(at.lam)
     bound, first = load(qp, p, w)
     solve_lower(qp, first, w)
-    square, is_row, soft, lam = inner(w, w, first), p >= 4 * y.size, False, 0.0
+    square, is_row, soft, lam = inner(w, w, first), p >= LIMITS * y.size, False, 0.0
     while steps < most_steps:
         steps += 1
         rate = square + (1.0 / qp.price if soft else 0.0)
@@ -155,7 +155,7 @@ def _activate(qp, at, p, violation, y, steps, most_steps):
 @njit(cache=True)
 def _step_length(qp, at, r, full):
     """Return how far λ can go along −r, at most `full`, until a multiplier comes to zero or its price, and which."""
-    first_row = 4 * qp.g.size
+    first_row = LIMITS * qp.g.size
     first_slip = first_row + qp.rows.z.shape[0]
     length, blocking = full, _FULL
     for i in range(at.size[0]):
@@ -184,7 +184,7 @@ def _release(qp, at, i, rate):
 @njit(cache=True)
 def _solution(qp, at, x, status):
     """Return the `QpSolution` of a step and the active set there."""
-    rows, first_row = qp.rows.z.shape[0], 4 * x.size
+    rows, first_row = qp.rows.z.shape[0], LIMITS * x.size
     multipliers, slack, active = np.zeros(rows), np.zeros(rows), np.empty(at.size[0], np.int64)
     largest, limits = 0.0, 0
     for i in range(at.size[0]):

@@ -11,6 +11,7 @@ from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, Solut
 
 from saphari_drake.control.nmpc.data import HorizonData, Scene
 from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.limits import position_limits
 from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, slip_rows
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus, Rows, spread
 
@@ -62,7 +63,9 @@ class HorizonProgram:
         """Add costs and limits stage by stage."""
         data, add, (N, n) = self.data, self.program, self.q.shape
         D, Q_v = np.hstack([np.eye(n), -np.eye(n)]), np.diag(data.Q_v) / data.period**2
-        self._limits = []
+        self._limits, self._changes = [], []
+        T, change = np.hstack([np.eye(n), -2.0 * np.eye(n), np.eye(n)]), data.period * data.change
+        bounded = np.isfinite(change).all()
         for k, q in enumerate(self.q, 1):
             if k == 1:
                 velocity = self._first = add.AddQuadraticErrorCost(Q_v, data.home, q)
@@ -72,6 +75,9 @@ class HorizonProgram:
                 velocity = add.AddQuadraticCost(2.0 * D.T @ Q_v @ D, np.zeros(2 * n), pair, is_convex=True)
                 add.AddLinearConstraint(D, -self._reach, self._reach, pair)
             velocity.evaluator().set_description(f"velocity {k}")
+            if bounded:
+                here = np.concatenate(self.q[max(k - 3, 0) : k][::-1])
+                self._changes.append(add.AddLinearConstraint(T[:, : len(here)], -change, change, here))
             posture = np.diag(data.R_q if k == N else data.Q_q)
             add.AddQuadraticErrorCost(posture, data.home, q).evaluator().set_description(f"posture {k}")
             self._limits.append(add.AddBoundingBoxConstraint(data.q_min, data.q_max, q))
@@ -86,8 +92,11 @@ class HorizonProgram:
         Q_v = np.diag(data.Q_v) / data.period**2
         self._first.evaluator().UpdateCoefficients(2.0 * Q_v, -2.0 * Q_v @ q0, q0 @ Q_v @ q0)
         self._start.evaluator().set_bounds(q0 - self._reach, q0 + self._reach)
-        for limit in self._limits:
-            limit.evaluator().set_bounds(np.minimum(data.q_min, q0), np.maximum(data.q_max, q0))
+        for limit, low, high in zip(self._limits, *position_limits(data, q0, scene.v0, len(self.q))):
+            limit.evaluator().set_bounds(low, high)
+        for change, known in zip(self._changes, (-q0 - data.period * scene.v0, q0)):
+            turn = data.period * data.change
+            change.evaluator().set_bounds(-turn - known, turn - known)
         if before is not None and len(before.radius) != len(scene.radius):
             self.program.RemoveConstraint(self._distances)
             self._distances = None
@@ -131,7 +140,7 @@ class HorizonProgram:
 
         def cost(q: NDArray) -> object:
             x, s = _values(q), self._scene
-            stage = Scene(x, s.R_ref[[k, k]], s.p_ref[[k, k]], s.p_WO[[k, k]], s.radius)
+            stage = Scene(x, s.R_ref[[k, k]], s.p_ref[[k, k]], s.p_WO[[k, k]], s.radius, s.v0)
             at = evaluate(term, stage, x[None], no_multipliers(stage, 1, len(x)), False, True)
             return _with_gradient(q, np.array([at.f]), at.g)[0]
 

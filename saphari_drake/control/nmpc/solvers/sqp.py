@@ -14,15 +14,8 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.control.nmpc.data import HorizonData, Scene
 from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
-from saphari_drake.control.nmpc.rows import (
-    distance_rows,
-    feasible_start,
-    kept_distances,
-    slack_length,
-    slip_rows,
-    step_limits,
-    violation,
-)
+from saphari_drake.control.nmpc.limits import feasible_start, step_limits
+from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, slack_length, slip_rows, violation
 from saphari_drake.control.nmpc.solvers.dense import solve_dense
 from saphari_drake.control.nmpc.solvers.dual import solve_qp
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus, Subproblem, factorize_shifted
@@ -61,7 +54,7 @@ class Iterate(NamedTuple):
 def start_sqp(data, scene, guess):
     """Return the first `Iterate`: a guess (N, n), moved into the limits."""
     none = no_multipliers(scene, guess.shape[0], data.link_C.shape[0])
-    Q = feasible_start(data, scene.q0, guess)
+    Q = feasible_start(data, scene, guess)
     return Iterate(Q, none, np.zeros(0, np.int64), 0.0, FIRST_REACH, 0.0, 0, False, QpStatus.SOLVED)
 
 
@@ -74,8 +67,10 @@ def linearize(data, scene, at, options):
     kept = kept_distances(data, scene.q0, at.Q, cost.J)
     rows = distance_rows(data, scene, at.Q, cost, kept, at.reach, False)
     slip = slip_rows(data, scene.q0, at.Q)
-    low, high, v_low, v_high = step_limits(data, scene.q0, at.Q)
-    qp = Subproblem(cost.g, cost.H, off, L, B, definite, low, high, v_low, v_high, rows, slip, options.price)
+    l = step_limits(data, scene, at.Q)
+    qp = Subproblem(
+        cost.g, cost.H, off, L, B, definite, l[0], l[1], l[2], l[3], l[4], l[5], rows, slip, options.price
+    )  # fmt: skip
     excess = np.sum(np.maximum(0.0, -rows.z)) + np.sum(np.abs(slip.z))
     return qp, cost.f, excess, kept
 

@@ -9,11 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math import products
+from saphari_drake.math.products import cholesky
 
 Array = NDArray[np.float64]
 
 # Shares of the velocity term's Hessian: the least pivot of a factorization, and what is added to an indefinite H first.
 _LEAST_PIVOT, _FIRST_SHIFT, _SHIFT_FACTOR, _MOST_SHIFT = 0.01, 0.02, 4.0, 1e12
+
+
+# Limits of a joint at a stage, upper and lower, of its velocity, its position and its change of velocity.
+LIMITS = 6
 
 
 class QpStatus(IntEnum):
@@ -52,6 +58,8 @@ class Subproblem(NamedTuple):
     high: Array
     v_low: Array  # (N, n), bounds of δ_k − δ_{k−1}
     v_high: Array
+    a_low: Array  # (N, n), bounds of δ_k − 2δ_{k−1} + δ_{k−2}
+    a_high: Array
     rows: Rows  # distances: z + a·δ_{k−1} + b·δ_k + s ≥ 0
     slip: Rows  # equalities z + a·δ_{k−1} + b·δ_k = 0
     price: float  # ρ
@@ -105,19 +113,11 @@ def factorize(H, off, L, B):
                 A[i, j] = H[k, i, j] if j <= i else 0.0
         if k > 0:
             _eliminate(off, L[k - 1], B[k], A)
+        if not cholesky(A, A):
+            return False
         for j in range(n):
-            pivot = A[j, j]
-            for l in range(j):
-                pivot -= A[j, l] * A[j, l]
-            if not pivot > _LEAST_PIVOT * off[j]:
+            if not A[j, j] * A[j, j] > _LEAST_PIVOT * off[j]:
                 return False
-            root = np.sqrt(pivot)
-            A[j, j] = root
-            for i in range(j + 1, n):
-                total = A[i, j]
-                for l in range(j):
-                    total -= A[i, l] * A[j, l]
-                A[i, j] = total / root
     return True
 
 
@@ -154,11 +154,7 @@ def solve_lower(qp, first, w):
                 for j in range(i, n):
                     total -= B[k, i, j] * w[k - 1, j]
                 w[k, i] = total
-        for i in range(n):
-            total = w[k, i]
-            for j in range(i):
-                total -= L[k, i, j] * w[k, j]
-            w[k, i] = total / L[k, i, i]
+        products.solve_lower(L[k], w[k], n)
 
 
 @njit(cache=True)
@@ -172,7 +168,4 @@ def solve_upper(qp, y, x):
             for i in range(n):
                 for j in range(i, n):
                     x[k, j] -= B[k + 1, i, j] * x[k + 1, i]
-        for i in range(n - 1, -1, -1):
-            x[k, i] /= L[k, i, i]
-            for j in range(i):
-                x[k, j] -= L[k, i, j] * x[k, i]
+        products.solve_upper(L[k], x[k], n)

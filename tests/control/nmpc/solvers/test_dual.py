@@ -45,13 +45,15 @@ def random_qp(rng, N, n, m, equalities, price=1e4):
         none = np.zeros(count, np.int64)
         return Rows(stage.astype(np.int64), none, none, z, a, rng.normal(size=(count, n)))
 
+    free = np.full((N, n), np.inf)
     low, high = -rng.uniform(0, 3, (N, n)), rng.uniform(0, 3, (N, n))
     low[:, :1], high[:, :1] = -np.inf, np.inf
     distance, slip = rows(m, rng.integers(1, N + 1, m)), rows(equalities, np.arange(1, equalities + 1))
     slip = slip._replace(z=0.1 * slip.z)
     v = -rng.uniform(0, 1, (N, n)), rng.uniform(0, 1, (N, n))
+    turn = (-rng.uniform(0, 1, (N, n)), rng.uniform(0, 1, (N, n))) if rng.random() < 0.5 else (-free, free)
     g = 20.0 * rng.normal(size=(N, n))
-    return Subproblem(g, H, off, L, B, True, low, high, *v, distance, slip, price)
+    return Subproblem(g, H, off, L, B, True, low, high, *v, *turn, distance, slip, price)
 
 
 def full_hessian(qp):
@@ -83,6 +85,9 @@ def reference(qp):
     for k, (low, high) in enumerate(zip(qp.v_low, qp.v_high)):
         D = np.hstack([np.eye(n), -np.eye(n)]) if k else np.eye(n)
         program.AddLinearConstraint(D, low, high, np.concatenate([x[k * n : k * n + n], x[max(k - 1, 0) * n : k * n]]))
+    if np.isfinite(qp.a_high).all():
+        D = np.eye(N * n) - np.eye(N * n, k=-n)
+        program.AddLinearConstraint(D @ D, qp.a_low.ravel(), qp.a_high.ravel(), x)
     options = SolverOptions()
     for key in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
         options.SetOption(ClarabelSolver.id(), key, 1e-11)
@@ -116,7 +121,7 @@ def test_any_guess_leads_to_the_solution():
     for price in (1e4, 5.0):
         qp = random_qp(rng, 10, 10, 70, 10, price)
         found = from_nothing(qp)
-        for guess in (found.active, rng.integers(0, 4 * qp.g.size, 10)):
+        for guess in (found.active, rng.integers(0, 6 * qp.g.size, 10)):
             again = solve_qp(qp, guess)
             assert again.status == QpStatus.SOLVED
             np.testing.assert_allclose(again.delta, found.delta, atol=1e-8)

@@ -1,0 +1,60 @@
+"""Friction of the joints as it was identified, for observers that are to see a touch behind it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saphari_drake.parameters import diagonal, require_non_negative, require_positive
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class JointFrictionParameters:
+    """Identified friction; nothing by default."""
+
+    # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint.
+    coulomb: list[float] | float = 0.0
+    viscous: list[float] | float = 0.0
+    # rad (m); way over which friction turns round when a joint does: ten steps of an encoder or more. Assumed.
+    turn: float = 1.0e-4
+    # Share of the Coulomb friction by which it may be wrong in motion; thresholds of a contact rise by it. Assumed.
+    uncertainty: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_non_negative(self, "coulomb", "viscous", "uncertainty")
+        require_positive(self, "turn")
+
+
+class JointFriction(NamedTuple):
+    """Friction of all joints as arrays (n,)."""
+
+    coulomb: Array
+    viscous: Array
+    turn: float
+    error: float  # share of the Coulomb friction
+
+    def uncertainty(self, share: Array) -> Array:
+        """Return by how much the friction may be wrong (n,): all of it, where a joint has not moved yet."""
+        return self.coulomb * (1.0 - (1.0 - min(self.error, 1.0)) * np.abs(share))
+
+    def torque(self, share: Array, v: Array) -> Array:
+        """Return what friction does to the joints, (n,), with `share` of the Coulomb friction acting (−1 … 1)."""
+        return -(self.coulomb * share + self.viscous * v)
+
+    def after(self, share: Array, way: Array) -> Array:
+        """Return the share after a way of the joints (n,) (rad or m).
+
+        dz/dx = (1 − z sgn ẋ)/turn, exactly (Dahl's model of friction): where a joint comes to rest, its last direction
+        is remembered. A hand that pushes until the arm stops is then told from the friction that helps to hold it.
+        """
+        sign = np.sign(way)
+        return sign + (share - sign) * np.exp(-np.abs(way) / self.turn)
+
+
+def joint_friction(params: JointFrictionParameters, n: int) -> JointFriction:
+    """Return the friction of a robot with n joints."""
+    coulomb, viscous = (diagonal(getattr(params, name), n, name) for name in ("coulomb", "viscous"))
+    return JointFriction(coulomb, viscous, params.turn, params.uncertainty)

@@ -1,0 +1,1 @@
+"""A verified stop behind every velocity command."""
