@@ -42,7 +42,7 @@ def scenario_for(case: str) -> ManipulatorScenario:
 
 
 def _cell(scenario: ManipulatorScenario, options: RunOptions | None = None) -> NmpcCell:
-    job = manipulator_job(catalog.load(scenario.robot), scenario.job)
+    job = manipulator_job(scenario.known(catalog.load(scenario.robot)), scenario.job)
     truth = scenario.truth(scenario.job.cell.time_step)
     return build_nmpc(job, scenario.job.cell, None if options is None else options.meshcat, truth=truth)
 

@@ -51,7 +51,7 @@ def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCe
     params = scenario.job
     params.cell.watch.sampler.noise.seed = scenario.seed
     truth = scenario.truth(params.cell.time_step)
-    job = mobile_job(catalog.load(scenario.robot), params, scenario.case)
+    job = mobile_job(scenario.known(catalog.load(scenario.robot)), params, scenario.case)
     job = replace(job, obstacles=changed(job.obstacles, truth, BEHIND))
     meshcat = None if options is None else options.meshcat
     return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen", truth=truth)

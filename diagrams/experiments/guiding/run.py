@@ -119,7 +119,7 @@ class GuidingRun:
 
 def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = None) -> GuidingSetup:
     """Build the diagram of a scenario, with its recorder; `synthetic` is the recording played if none is given."""
-    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
     system = deepcopy(scenario.system)
     system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
     layout = SkinLayout(robot, system.skin_layout)

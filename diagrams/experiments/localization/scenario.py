@@ -69,7 +69,7 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
 
 def build_scenes(scenario: ContactLocalizationScenario) -> ContactScenes:
     """Return robot, hands and cameras."""
-    return ContactScenes(catalog.load(scenario.robot), scenario.cameras, scenario.scenes, scenario.seed)
+    return ContactScenes(scenario.known(catalog.load(scenario.robot)), scenario.cameras, scenario.scenes, scenario.seed)
 
 
 def believed_cameras(scenario: ContactLocalizationScenario, rng: np.random.Generator) -> list[CameraParameters]:

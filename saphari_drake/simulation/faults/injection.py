@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
+from saphari_drake.perception.skin.layout import CELLS
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import FAULTS
 from saphari_drake.simulation.faults.signals import (
@@ -133,7 +134,7 @@ def _sensor(builder: DiagramBuilder, truth: Truth, name: str, start: float) -> N
         for port in (voltages, skin.GetOutputPort("sample_time")):
             _behind(builder, f"{name} {port.get_name()}", port, frozen(), start)
         return
-    count = skin.modules.count
+    count = voltages.size() // CELLS
     dead = np.random.default_rng([truth.seed, 13]).permutation(count)[: round(sizes.skin_share * count)]
     rows = np.arange(voltages.size()).reshape(count, -1)[dead].ravel()
     _behind(builder, name, voltages, replaced(rows, 0.0), start)

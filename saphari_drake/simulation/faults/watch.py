@@ -42,7 +42,8 @@ class FaultWatch(LeafSystem):
 
     Ports
     -----
-    (each port that is watched) : 1, a status.
+    (each port that is watched) : 1, a status. One that is safe since the beginning, before the first sensor has told
+        anything, answers no fault until it has been otherwise.
     answered : 1 (s), the time of the first safe state from `start` on; infinite before.
     """
 
@@ -51,15 +52,17 @@ class FaultWatch(LeafSystem):
         self._start, self._safe = start, [values for _, values in ports]
         self._ports = [self.DeclareVectorInputPort(name, BasicVector(1)) for name, _ in ports]
         self._answered = self.DeclareDiscreteState([np.inf])
+        self._begun = self.DeclareDiscreteState(len(ports))  # 1: the port has told another state than a safe one
         self.DeclareStateOutputPort("answered", self._answered)
         self.DeclarePeriodicUnrestrictedUpdateEvent(STEP, OFFSET, self._look)
 
     def _look(self, context: Context, state: State) -> None:
-        now = context.get_time()
-        if now < self._start or np.isfinite(context.get_discrete_state(self._answered).value()[0]):
-            return
-        if any(int(port.Eval(context)[0]) in safe for port, safe in zip(self._ports, self._safe)):
-            state.get_mutable_discrete_state(self._answered).SetFromVector([now])
+        now, begun = context.get_time(), context.get_discrete_state(self._begun).value()
+        safe = np.array([port.Eval(context)[0] in values for port, values in zip(self._ports, self._safe)], dtype=bool)
+        state.get_mutable_discrete_state(self._begun).SetFromVector(np.where(safe, begun, 1.0))
+        if now >= self._start and np.any(safe & (begun > 0.0)):
+            first = min(now, context.get_discrete_state(self._answered).value()[0])
+            state.get_mutable_discrete_state(self._answered).SetFromVector([first])
 
 
 def watched(builder: DiagramBuilder) -> Iterator[tuple[str, OutputPort, tuple[int, ...]]]:

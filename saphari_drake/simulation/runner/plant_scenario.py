@@ -6,6 +6,8 @@ import numpy as np
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_choice
+from saphari_drake.robots.corrections import RobotCorrections, corrected
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import FAULTS, STATIC, FaultSizes, require_faults
 from saphari_drake.simulation.world.profile import PLANTS, PlantProfile, Truth, profile_of, realistic
 
@@ -24,6 +26,8 @@ class PlantScenario:
     # The plant: ideal, or realistic with the numbers below.
     plant: str = "ideal"
     realistic: PlantProfile = field(default_factory=realistic)
+    # File of `diagrams/identify.py`: what the controllers know of the robot beyond its model file. Empty: nothing.
+    identified: str = ""
     # Names of faults; --help lists them. When they begin (s; negative: drawn from the seed), and how large they are.
     faults: list[str] = field(default_factory=list)
     fault_time: float = -1.0
@@ -34,6 +38,10 @@ class PlantScenario:
         require_faults(self.faults, {fault.part for fault in FAULTS.values()})
         if not np.isfinite(self.fault_time):
             raise ParameterError("fault_time", f"must be finite, got {self.fault_time}")
+
+    def known(self, robot: RobotModel) -> RobotModel:
+        """Return the robot as its controllers know it, for a robot out of its file."""
+        return corrected(robot, RobotCorrections.read(self.identified)) if self.identified else robot
 
     def fault_start(self) -> float:
         """Return when the faults begin that are not there from the beginning (s)."""

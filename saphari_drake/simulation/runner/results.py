@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import platform
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -85,12 +85,15 @@ class Outcome:
         Returns the figure of the run; called only if files are written.
     replay : callable, optional
         Writes the replay to the path it is given; called only if files are written.
+    files : mapping from str to str
+        Text of other files, by their names.
     """
 
     metrics: Sequence[Metric]
     log: Log
     draw: Callable[[], Figure]
     replay: Callable[[Path], None] | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = [metric.name for metric in self.metrics]
@@ -185,6 +188,8 @@ def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any],
     FigureCanvasAgg(figure)
     with atomic_path(picture) as temporary:
         figure.savefig(temporary, dpi=150)
+    for name, text in outcome.files.items():
+        write_text(folder / name, text)
     if outcome.replay is not None:
         with atomic_path(page) as temporary:
             outcome.replay(temporary)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.profile import Truth, joint_scale
@@ -57,8 +57,8 @@ class Actuators(LeafSystem):
         fresh = {self._command.ticket()} if self._delay == 0 else set()
         tickets = held | fresh | {self._state.ticket()}
         self.DeclareVectorOutputPort("torque", BasicVector(robot.n), self._calc, prerequisites_of_calc=tickets)
-        # A discrete update, as the plant's own: both see the values before the step.
-        self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, self._update)
+        # An unrestricted update, as the plant's own: both see the values before the step.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(step, 0.0, self._update)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         if self._delay == 0:
@@ -70,9 +70,10 @@ class Actuators(LeafSystem):
         ripple = self._ripple * np.sin(self._waves * q + self._phase)
         output.SetFromVector(torque + noise + self._bias + ripple)
 
-    def _update(self, context: Context, updated: DiscreteValues) -> None:
+    def _update(self, context: Context, state: State) -> None:
         commands = context.get_discrete_state(self._commands).value()
         step = context.get_discrete_state(self._drawn).value()[-1] + 1.0
         noise = self._noise * np.random.Generator(np.random.SFC64([self._seed, int(step)])).standard_normal(self._n)
-        updated.set_value(self._commands, np.append(commands[self._n :], self._command.Eval(context)))
-        updated.set_value(self._drawn, np.append(noise, step))
+        later = np.append(commands[self._n :], self._command.Eval(context))
+        state.get_mutable_discrete_state(self._commands).SetFromVector(later)
+        state.get_mutable_discrete_state(self._drawn).SetFromVector(np.append(noise, step))

@@ -5,6 +5,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saphari_drake.robots.corrections import with_payload
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.profile import Truth, joint_scale
@@ -16,17 +17,14 @@ PAYLOAD_HEIGHT, PAYLOAD_RADIUS = 0.05, 0.04  # m, along z of the last link's fra
 
 def true_robot(robot: RobotModel, truth: Truth, payload: float = 0.0) -> RobotModel:
     """Return the robot with the masses and inertias of its plant; `payload` (kg) is known, that of `truth` is added."""
-    tree, scale = robot.tree, truth.mass_scale(robot)
-    mass, com, inertia = scale * tree.mass, tree.com.copy(), scale[:, None, None] * tree.inertia
-    more = payload + truth.profile.payload
-    if more > 0.0:
-        p = np.array([0.0, 0.0, PAYLOAD_HEIGHT])
-        apart, total = p - com[-1], mass[-1] + more
-        about = np.dot(apart, apart) * np.eye(3) - np.outer(apart, apart)
-        inertia[-1] += mass[-1] * more / total * about + 0.4 * more * PAYLOAD_RADIUS**2 * np.eye(3)
-        mass[-1], com[-1] = total, com[-1] + more / total * apart
-    other = copy(robot)
-    other.tree = tree._replace(mass=mass, com=com, inertia=inertia, armature=truth.rotor_scale(robot) * tree.armature)
+    tree, scale = robot.file_tree, truth.mass_scale(robot)
+    tree = tree._replace(
+        mass=scale * tree.mass,
+        inertia=scale[:, None, None] * tree.inertia,
+        armature=truth.rotor_scale(robot) * tree.armature,
+    )
+    other, centre = copy(robot), np.array([0.0, 0.0, PAYLOAD_HEIGHT])
+    other.tree = with_payload(tree, payload + truth.profile.payload, centre, PAYLOAD_RADIUS)
     return other
 
 

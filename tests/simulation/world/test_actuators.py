@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Sine
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, MatrixGain, Sine
 
 from saphari_drake.robots.catalog import omnirob
 from saphari_drake.simulation.world.actuators import Actuators
+from saphari_drake.simulation.world.cell import add_cell
 from saphari_drake.simulation.world.profile import PlantProfile, Truth
 
 STEP, START = 0.001, np.arange(7.0)
@@ -64,3 +65,17 @@ def test_a_platform_gets_noise_by_its_force():
     robot = omnirob()
     asked, given = driven(robot, Truth(PlantProfile(torque_bias=0.2)), wave=False)
     np.testing.assert_allclose(np.abs((given - asked)[-1, :2]), 0.2 * robot.tau_max[:2] / 100.0)
+
+
+def test_a_controller_sees_the_plant_before_its_step(lwr4):
+    """A torque by the state is late by whole steps, not by one less: the plant's step is not seen by what it gets."""
+    builder = DiagramBuilder()
+    cell = add_cell(builder, lwr4, truth=Truth(PlantProfile(torque_delay=1), 0, 0.002))
+    law = builder.AddSystem(MatrixGain(np.hstack([np.zeros((7, 7)), -0.5 * np.eye(7)])))
+    builder.Connect(cell.robot_state, law.get_input_port())
+    builder.Connect(law.get_output_port(), cell.torque_input)
+    asked, given = (LogVectorOutput(port, builder, STEP) for port in (law.get_output_port(), cell.torque_driving))
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.05)
+    asked, given = (log.FindLog(simulator.get_context()).data().T for log in (asked, given))
+    assert np.array_equal(given[2:], asked[:-2]) and np.ptp(asked, axis=0).max() > 0.1
