@@ -14,6 +14,7 @@ from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limi
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.world.plant import torque_input
 
 STEP = 0.001
 
@@ -25,28 +26,30 @@ class Command(LeafSystem):
         super().__init__()
         self.DeclareVectorOutputPort(
             "torque",
-            BasicVector(7),
+            BasicVector(len(torque(0.0))),
             lambda context, output: output.SetFromVector(torque(context.get_time())),
             prerequisites_of_calc={self.time_ticket()},
         )
 
 
-def run(robot, torque, duration):
+def run(robot, torque, duration, exact=False):
     """Return samples (speeds, torques, status) at each ms of the arm that `torque` commands through the envelope."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(STEP))
     arm = robot.add_to(plant)
     plant.Finalize()
     plant.SetDefaultPositions(arm, robot.home)
-    sensor = builder.AddSystem(JointSensor(robot, JointSensorParameters(STEP)))
-    dynamics, envelope = builder.AddSystem(RobotDynamics(robot)), builder.AddSystem(JointEnvelope(robot))
+    encoders = JointSensorParameters(STEP, 0.0, 0.0, False) if exact else JointSensorParameters(STEP)
+    params = JointEnvelopeParameters(velocity_age=0.0 if exact else 0.5 * STEP)
+    sensor = builder.AddSystem(JointSensor(robot, encoders))
+    dynamics, envelope = builder.AddSystem(RobotDynamics(robot)), builder.AddSystem(JointEnvelope(robot, params))
     command = builder.AddSystem(Command(torque))
     builder.Connect(plant.get_state_output_port(arm), sensor.GetInputPort("state"))
     for name in ("position_measured", "velocity_measured"):
         builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
     builder.Connect(dynamics.GetOutputPort("dynamics"), envelope.GetInputPort("dynamics"))
     builder.Connect(command.GetOutputPort("torque"), envelope.GetInputPort("torque_commanded"))
-    builder.Connect(envelope.GetOutputPort("torque_applied"), plant.get_actuation_input_port(arm))
+    builder.Connect(envelope.GetOutputPort("torque_applied"), torque_input(builder, robot, plant, arm))
     simulator = Simulator(builder.Build())
     context, samples = simulator.get_context(), []
     for k in range(1, int(duration / STEP)):
@@ -56,7 +59,8 @@ def run(robot, torque, duration):
             envelope.GetOutputPort(name).Eval(own)
             for name in ("torque_applied", "torque_excess", "status", "system_status")
         ]
-        samples.append((plant.GetVelocities(plant.GetMyContextFromRoot(context)), *values))
+        own = plant.GetMyContextFromRoot(context)
+        samples.append((plant.GetVelocities(own), *values, plant.GetPositions(own)))
     return [np.array(column) for column in zip(*samples)]
 
 
@@ -64,11 +68,33 @@ def run(robot, torque, duration):
 def test_noise_at_full_torque_spins_no_joint(lwr4, seed):
     rng = np.random.default_rng(seed)
     held = rng.uniform(-1.0, 1.0, (50, 7)) * 2.0 * lwr4.tau_max
-    v, torque, _, status, _ = run(lwr4, lambda t: held[int((t + 0.0007) / 0.02) % 50], 1.0)  # between two periods
+    v, torque, _, status, _, _ = run(lwr4, lambda t: held[int((t + 0.0007) / 0.02) % 50], 1.0)  # between two periods
     assert np.max(np.abs(v) / lwr4.v_max) < 1.0
     assert np.all(np.abs(torque) <= lwr4.tau_max)
     assert np.max(np.abs(np.diff(torque, axis=0))) <= 1000.0 * STEP * (1.0 + 1e-9)
     assert set(status.ravel()) & {EnvelopeStatus.SPEED, EnvelopeStatus.POSITION}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["noise", "constant", "nothing"])
+@pytest.mark.parametrize("name", ["lwr4", "panda"])
+def test_a_controller_that_goes_mad_at_a_random_time_leaves_no_limit(load_arm, name, kind, seed):
+    """It bears the weight at home until then; afterwards full torque at random, one torque, or none, within limits."""
+    robot, rng = load_arm(name), np.random.default_rng(seed)
+    robot = robot.with_home(0.5 * (robot.q_min + robot.q_max))  # the Panda's own is outside its limits
+    begin, weight = rng.uniform(0.05, 0.4), evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).g
+    noise = rng.uniform(-1.0, 1.0, (2000, robot.n)) * robot.tau_max
+    mad = {"noise": noise, "constant": np.sign(noise[:1]) * robot.tau_max, "nothing": np.zeros((1, robot.n))}[kind]
+
+    def torque(t):
+        k = int((t + 0.0007) / STEP)  # between two periods
+        return weight if k * STEP < begin else mad[k % len(mad)]
+
+    v, applied, *_, q = run(robot, torque, 1.2, exact=True)
+    assert np.max(np.abs(v) / robot.v_max) <= 1.0
+    assert np.all((robot.q_min <= q) & (q <= robot.q_max))
+    assert np.all(np.abs(applied) <= robot.tau_max)
+    assert np.max(np.abs(np.diff(applied, axis=0))) <= 1000.0 * STEP * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -78,7 +104,7 @@ def test_without_a_command_the_last_torque_is_wished_for_and_it_is_told(lwr4, ba
     def torque(t):
         return np.full(7, bad) if 0.05 < t < 0.10 else np.zeros(7)
 
-    _, applied, excess, status, system_status = run(lwr4, torque, 0.2)
+    _, applied, excess, status, system_status, _ = run(lwr4, torque, 0.2)
     lost = status[:, 0] == EnvelopeStatus.BAD_INPUT
     np.testing.assert_array_equal(lost, system_status[:, 0] == SystemStatus.BAD_INPUT)
     assert 48 <= lost.sum() <= 52
