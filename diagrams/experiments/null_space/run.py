@@ -105,7 +105,7 @@ class Run:
 
 def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
-    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
+    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)), scenario.system.momentum)
     builder = DiagramBuilder()
     truth = scenario.truth(scenario.system.period)
     parts = add_null_space_cell(builder, robot, aimed(scenario), truth)
