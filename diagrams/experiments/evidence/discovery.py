@@ -11,6 +11,7 @@ from pathlib import Path
 
 from saphari_drake.errors import ParameterError, UnknownNameError
 
+REALISTIC = "/realistic"  # after the name of a case: the same on the realistic plant
 DEFINES = re.compile(r"^EXPERIMENT\b", re.MULTILINE)
 
 
@@ -22,7 +23,8 @@ class Script:
     ----------
     path : Path
     default_seeds : mapping from str to int
-        The seed that each case takes if none is given, in the script's order of cases.
+        The seed that each case takes if none is given, in the script's order of cases; then the same cases on the
+        realistic plant, where they have one.
     seedless : frozenset of str
         The cases in which a seed changes nothing.
     """
@@ -41,7 +43,10 @@ def find_scripts(folder: Path) -> dict[str, Script]:
 
 
 def select(scripts: Mapping[str, Script], only: Sequence[str]) -> list[tuple[str, str]]:
-    """Return (script, case) of everything that `only` names as SCRIPT or SCRIPT/CASE; of all if it is empty."""
+    """Return (script, case) of everything that `only` names as SCRIPT or SCRIPT/CASE; of all if it is empty.
+
+    SCRIPT/CASE/realistic is that case on the realistic plant.
+    """
     every = [(name, case) for name, script in scripts.items() for case in script.default_seeds]
     wanted: set[tuple[str, str]] = set()
     for text in only:
@@ -63,4 +68,6 @@ def _script(path: Path) -> Script:
     spec.loader.exec_module(module)
     experiment = module.EXPERIMENT
     seeds = {case: experiment.scenario_for(case).seed for case in experiment.cases}
+    plants = {case: getattr(experiment.scenario_for(case), "plant", "") for case in experiment.cases}
+    seeds |= {case + REALISTIC: seeds[case] for case, plant in plants.items() if plant == "ideal"}
     return Script(path, seeds, experiment.seedless)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from experiments.evidence.discovery import REALISTIC
 from experiments.evidence.readme_rows import Row, Scale
 from experiments.evidence.results_file import Results
 from experiments.evidence.summary import Bound, bound_text, is_bounded
@@ -21,9 +22,11 @@ def experiments_table(results: Results, rows: Sequence[Row]) -> str:
         if len(figures) < len(found):
             continue
         where = f"`{row.script}` {', '.join(row.cases.split())}"
-        cells.append(("" if where == before else where, *_row_cells(row, figures)))
+        on_other = [_figures(results, row.script, case + REALISTIC, metric) for case, metric in _names(row)]
+        cells.append(("" if where == before else where, *_row_cells(row, figures, on_other)))
         before = where
-    return table(("script and case", "metric", "default seed", "worst seed", "bound", "the deliverable"), cells)
+    head = ("script and case", "metric", "default seed", "worst seed", "realistic plant", "bound", "the deliverable")
+    return table(head, cells)
 
 
 def missing(results: Results, row: Row) -> list[str]:
@@ -48,6 +51,7 @@ def short_table(results: Results) -> str:
         )
         for script, cases in results.items()
         for case, summary in cases.items()
+        if summary["plant"] == "ideal"
         for name, figures in summary["metrics"].items()
         if figures["missed"]
     ]
@@ -105,17 +109,25 @@ def number(value: float | None, scale: Scale) -> str:
     return f"{scaled:.{digits}}{scale.unit}"
 
 
-def _row_cells(row: Row, found: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _row_cells(
+    row: Row, found: Sequence[Mapping[str, Any]], realistic: Sequence[Mapping[str, Any] | None]
+) -> tuple[str, ...]:
     bounds = _unique(_bound(figures["bound"], row.scale) for figures in found)
     reported = _unique(figures["reported"] for figures in found if figures["reported"])
-    own = [
-        _marked(figures["value"], figures["default_seed"] in figures.get("missed", []), row.scale) for figures in found
-    ]
+    own, other = ([_own(figures, row.scale) for figures in plant] for plant in (found, realistic))
     if all(figures.get("same") for figures in found):
         worst = "same on all seeds"
     else:
         worst = _joined([_worst(figures, row.scale) for figures in found], row.scale)
-    return row.label, _joined(own, row.scale), worst, " / ".join(bounds), " / ".join(reported) or NOTHING
+    texts = _joined(own, row.scale), worst, _joined(other, row.scale) if any(realistic) else NOTHING
+    return row.label, *texts, " / ".join(bounds), " / ".join(reported) or NOTHING
+
+
+def _own(figures: Mapping[str, Any] | None, scale: Scale) -> str:
+    """Return the default seed's figure."""
+    if figures is None:
+        return NOTHING
+    return _marked(figures["value"], figures["default_seed"] in figures.get("missed", []), scale)
 
 
 def _worst(figures: Mapping[str, Any], scale: Scale) -> str:

@@ -19,7 +19,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 
 @dataclass(frozen=True)
 class Job:
-    """One case to run; with `seed` None the script takes its own."""
+    """One case to run, CASE or CASE/realistic; with `seed` None the script takes its own."""
 
     script: str
     case: str
@@ -63,10 +63,13 @@ class Run:
 def run_job(job: Job, path: Path, out: Path, keep: bool = True) -> Run:
     """Run one case of the script at `path`, which writes its files below `out`; read and, if asked, remove them."""
     folder = out / job.script / ("default" if job.seed is None else f"seed_{job.seed}")
-    command = [sys.executable, str(path), "--case", job.case, "--out", str(folder)]
+    case, _, plant = job.case.partition("/")
+    folder /= plant  # nothing: the ideal one
+    command = [sys.executable, str(path), "--case", case, "--out", str(folder)]
+    command += ["--plant", plant] if plant else []
     command += [] if job.seed is None else ["--seed", str(job.seed)]
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
-    metrics = folder / job.case / "metrics.json"
+    metrics = folder / case / "metrics.json"
     metrics.unlink(missing_ok=True)
     start = time.perf_counter()
     done = subprocess.run(
@@ -75,7 +78,7 @@ def run_job(job: Job, path: Path, out: Path, keep: bool = True) -> Run:
     seconds = time.perf_counter() - start
     document = json.loads(metrics.read_text(encoding="utf-8")) if metrics.is_file() else {}
     if not keep:
-        shutil.rmtree(folder / job.case, ignore_errors=True)
+        shutil.rmtree(folder / case, ignore_errors=True)
     return Run(job, done.returncode, seconds, document, (done.stderr.strip().splitlines() or [""])[-1])
 
 

@@ -124,7 +124,7 @@ def summarize_case(runs: Sequence[Run], default_seed: int, seedless: bool = Fals
         "seeds": list(by_seed),
         "verdicts": {str(seed): run.document["verdict"] for seed, run in by_seed.items()},
         "seconds": round(float(np.mean([run.seconds for run in runs]))),
-        "plant": "ideal",
+        "plant": first["scenario"].get("plant", "ideal"),
         "machine": machine(),
         "versions": first["versions"],
         "metrics": metrics,

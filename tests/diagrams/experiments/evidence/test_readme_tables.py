@@ -37,12 +37,22 @@ def cells(metrics, scale=PLAIN, seeds=(0, 1, 2)):
 
 
 def test_a_row_shows_value_worst_bound_and_what_is_reported():
-    assert cells("error", MM, (0, 1)) == ["`toy` a", "what", "2 mm", "4 mm", "≤ 10 mm", "error in the deliverable"]
+    assert cells("error", MM, (0, 1)) == [
+        "`toy` a", "what", "2 mm", "4 mm", "–", "≤ 10 mm", "error in the deliverable"
+    ]  # fmt: skip
+
+
+def test_the_realistic_plant_is_shown_beside_the_ideal_one():
+    both = results(0, 1)
+    both["toy"]["a/realistic"] = summarize_case([made({"error": (0.03, *BOUND)})], 0) | {"plant": "realistic"}
+    line = experiments_table(both, [Row("toy", "a", "error", "what", MM)]).splitlines()[HEAD]
+    assert "| 2 mm | 4 mm | **30 mm** | ≤ 10 mm |" in line
+    assert "realistic" not in short_table(both)
 
 
 def test_a_figure_beyond_its_bound_is_bold():
     assert cells("error", MM)[2:4] == ["2 mm", "**20 mm**"]
-    assert cells("soft", PERCENT)[2:5] == ["**40 %**", "**40 %**", "≤ 30 %"]
+    assert cells("soft", PERCENT)[2:6] == ["**40 %**", "**40 %**", "–", "≤ 30 %"]
 
 
 def test_worst_is_told_only_where_a_seed_changes_something():
@@ -52,11 +62,11 @@ def test_worst_is_told_only_where_a_seed_changes_something():
 
 
 def test_figures_share_a_row_and_its_unit():
-    assert cells("error count", MM, (0, 1))[2:5] == ["2 / 3000 mm", "4 / 3000 … 3000 mm", "≤ 10 mm / –"]
+    assert cells("error count", MM, (0, 1))[2:6] == ["2 / 3000 mm", "4 / 3000 … 3000 mm", "–", "≤ 10 mm / –"]
 
 
 def test_a_timing_is_shown_and_not_compared():
-    assert cells("step_ms_median")[2:5] == ["1", "–", "≤ 0.5"]
+    assert cells("step_ms_median")[2:6] == ["1", "–", "–", "≤ 0.5"]
 
 
 def test_a_script_is_named_once():
