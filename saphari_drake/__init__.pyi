@@ -2,6 +2,8 @@ from .robots.catalog import load as load
 from .robots.catalog import lwr4 as lwr4
 from .robots.catalog import omnirob as omnirob
 from .robots.catalog import planar_6r as planar_6r
+from .robots.corrections import RobotCorrections as RobotCorrections
+from .robots.corrections import corrected as corrected
 from .robots.dynamics import (
     DynamicsTerms as DynamicsTerms,
 )

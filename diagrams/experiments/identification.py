@@ -90,8 +90,8 @@ def judged(scenario: Any, cell: Recorded, found: Identification, log: Log) -> li
     coulomb, viscous = cell.friction
     rotor = np.abs(known.tree.armature / np.maximum(cell.true.tree.armature, 1e-9) - 1.0)
     return [
-        Metric("coulomb_error_Nm", np.abs(known.friction.coulomb - coulomb).max(), "Nm", high=0.1),
-        Metric("viscous_error", np.abs(known.friction.viscous - viscous).max(), "Nms/rad", high=0.2),
+        Metric("coulomb_error_Nm", np.abs(found.found.coulomb - coulomb).max(), "Nm", high=0.1),
+        Metric("viscous_error", np.abs(found.found.viscous - viscous).max(), "Nms/rad", high=0.2),
         Metric("payload_error_kg", abs(found.found.payload - payload), "kg", high=0.2),
         Metric("rotor_error_max", rotor[cell.true.tree.armature > 0.0].max(initial=0.0), "1"),
         Metric("weight_error_before_Nm", before.max(), "Nm"),

@@ -10,8 +10,13 @@ from .disturbance_observer import (
 from .disturbance_observer import (
     DisturbanceObserverParameters as DisturbanceObserverParameters,
 )
+from .excitation import Excitation as Excitation
+from .excitation import ExcitationParameters as ExcitationParameters
+from .excitation import draw_excitation as draw_excitation
 from .joint_acceleration import JointAcceleration as JointAcceleration
 from .joint_friction import JointFrictionParameters as JointFrictionParameters
+from .joint_identification import Identification as Identification
+from .joint_identification import identify as identify
 from .model_error import (
     LearningStatus as LearningStatus,
 )

@@ -11,7 +11,6 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.tree import Tree
 from saphari_drake.parameters import require_non_negative, require_vector
-from saphari_drake.robots.friction import JointFriction
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -55,9 +54,9 @@ class RobotCorrections:
 
 
 def corrected(robot: RobotModel, found: RobotCorrections) -> RobotModel:
-    """Return the robot as its controllers may know it after an identification: inertias, payload and friction.
+    """Return the robot as its controllers may know it after an identification: with other inertias and a payload.
 
-    What is simulated is still what the file says: `RobotModel.add_to` does not change.
+    What is simulated is still what the file says: `RobotModel.add_to` does not change. The friction is for observers.
 
     Raises
     ------
@@ -79,7 +78,6 @@ def corrected(robot: RobotModel, found: RobotCorrections) -> RobotModel:
     )
     other = copy(robot)
     other.tree = with_payload(tree, found.payload, np.array(found.payload_centre))
-    other.friction = JointFriction(listed("coulomb", np.zeros(robot.n)), listed("viscous", np.zeros(robot.n)))
     return other
 
 

@@ -16,7 +16,6 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
 from saphari_drake.math.tree import tree_kinematics
-from saphari_drake.robots.friction import JointFriction
 from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
@@ -52,8 +51,8 @@ class RobotModel:
     joint_names, link_names : tuple of str
     q_min, q_max, v_max, tau_max : (n,) arrays
         Limits (infinite where the file gives no position or velocity limit).
-    friction : JointFriction
-        Friction that is known, none in a file; `corrected` gives what was identified.
+    file_tree : Tree
+        Tree with the inertias of the file, also where `corrected` has others.
 
     Raises
     ------
@@ -83,7 +82,6 @@ class RobotModel:
         self.name = plant.GetModelInstanceName(instance)
         self.tree, self.joint_names, self.link_names, self._frames = read_tree(plant, instance, self.path)
         self.n, self.file_tree = len(self.joint_names), self.tree
-        self.friction = JointFriction.none(self.n)
         self._read_limits(plant, instance)
         self.home = self._checked_home(plant, home)
         self._shapes: LinkShapes | None = None

@@ -77,7 +77,9 @@ def build_contact(
     recorded: RecordedPush | None = None,
 ) -> ContactSetup:
     """Build the diagram of a `ContactScenario`; `record` adds to its recorder what this controller has."""
-    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
+    robot = scenario.known(
+        catalog.load(scenario.robot, home=np.deg2rad(scenario.home)), scenario.system.pipeline.observer
+    )
     if "person_faster" in scenario.faults:
         pushes = [replace(push, speed=FASTER * (push.speed or HumanHand.SPEED)) for push in pushes]
     scenario.system.sampler.noise.seed = scenario.seed

@@ -105,6 +105,7 @@ class Run:
 
 def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
+    # The controller makes up for friction by what the observer takes for a push: none is taken out of that.
     robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
     builder = DiagramBuilder()
     truth = scenario.truth(scenario.system.period)

@@ -25,8 +25,9 @@ from saphari_drake.simulation.world.wheels import Wheels
 
 # Who takes a controller's command, beyond the controller's own computer: of a diagram the first of these that it has.
 TAKERS = (
+    ("position_servo", "position_commanded"),
     ("joint_envelope", "torque_commanded"),
-    ("torque_limit", "torque_commanded"),
+    ("velocity_envelope", "velocity_commanded"),
     ("joint_servo", "velocity_commanded"),
     ("arm", "velocity_commanded"),
 )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.parameters import require_choice
 from saphari_drake.robots.corrections import RobotCorrections, corrected
 from saphari_drake.robots.model import RobotModel
@@ -39,9 +40,14 @@ class PlantScenario:
         if not np.isfinite(self.fault_time):
             raise ParameterError("fault_time", f"must be finite, got {self.fault_time}")
 
-    def known(self, robot: RobotModel) -> RobotModel:
-        """Return the robot as its controllers know it, for a robot out of its file."""
-        return corrected(robot, RobotCorrections.read(self.identified)) if self.identified else robot
+    def known(self, robot: RobotModel, observer: MomentumObserverParameters | None = None) -> RobotModel:
+        """Return the robot as its controllers know it, for a robot out of its file; an observer takes the friction."""
+        if not self.identified:
+            return robot
+        found = RobotCorrections.read(self.identified)
+        if observer is not None:
+            observer.friction.coulomb, observer.friction.viscous = found.coulomb or 0.0, found.viscous or 0.0
+        return corrected(robot, found)
 
     def fault_start(self) -> float:
         """Return when the faults begin that are not there from the beginning (s)."""
