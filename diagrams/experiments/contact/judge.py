@@ -47,18 +47,22 @@ class Touch:
 
 
 def find_touches(log: Log, robot: RobotModel, pushes: Sequence[Push]) -> list[Touch]:
-    """Return the touch of each push.
+    """Return the touch of each push that ends within the run.
 
     Raises
     ------
     SensorError
-        If the hand never touched the robot during a push.
+        If no push ends within the run, or the hand never touched the robot during one.
     """
     time = log.time
+    within = [push for push in pushes if push.start + push.hold <= time[-1]]
+    if not within:
+        first = min(push.start + push.hold for push in pushes)
+        raise SensorError(f"no push ends within the run of {time[-1]:.3g} s: the first one does at {first:g} s")
     pressed = np.linalg.norm(log["contact_truth"][:, :3], axis=1) > 0.0
     starts = [push.start for push in pushes]
     touches = []
-    for push, following in zip(pushes, [*starts[1:], np.inf]):
+    for push, following in zip(within, [*starts[1:], np.inf]):
         inside = np.flatnonzero(pressed & (time >= push.start) & (time <= push.start + push.hold + 0.5))
         if len(inside) == 0:
             raise SensorError(f"the push of {push.link} at {push.start:g} s never touched the robot")
