@@ -36,6 +36,12 @@ class JointEnvelopeParameters:
     position_margin: float = 0.001
     # Postures, drawn at random, from which the sure deceleration is found (≥ 1).
     postures: int = 2000
+    # s; a command that stays the same, bit for bit, for as long while the measured state changes comes from a dead
+    # controller; .inf: a command may be constant. Assumed: six cycles of 5 ms.
+    stale_time: float = 0.03
+    # 1/s² and 1/s, stiffness and damping over inertia of the posture that is held then. Assumed.
+    hold_stiffness: float = 225.0
+    hold_damping: float = 30.0
     # s, from a torque to its effect; a whole number of periods.
     torque_delay: float = 0.0
     # s, how much older than the position the measured velocity is: half a period if it is the difference of positions.
@@ -46,7 +52,9 @@ class JointEnvelopeParameters:
     period: float = 0.001
 
     def __post_init__(self) -> None:
-        require_positive(self, "torque_rate", "postures", "mean_time", "period")
+        require_positive(self, "torque_rate", "postures", "hold_stiffness", "hold_damping", "mean_time", "period")
+        if not self.stale_time > 0.0:
+            raise ParameterError("stale_time", f"must be positive, got {self.stale_time}")
         require_non_negative(self, "position_margin", "torque_delay", "velocity_age")
         if not self.kinetic_energy > 0.0:
             raise ParameterError("kinetic_energy", f"must be positive, got {self.kinetic_energy}")

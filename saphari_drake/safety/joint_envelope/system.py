@@ -13,6 +13,8 @@ from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Limited, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
+from saphari_drake.safety.joint_envelope.stale import Repeated
+from saphari_drake.safety.posture_laws import posture_torque
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
@@ -21,6 +23,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class _Memory(Immutable):
     torques: Array  # (k, n), of the last periods, the latest last
+    repeated: Repeated
 
 
 class _Output(NamedTuple):
@@ -58,8 +61,9 @@ class JointEnvelope(LeafSystem):
     status : 1, an `EnvelopeStatus`.
     joint : 1, index of the joint whose limit is the most urgent, −1 for none.
     margin : 1, share of the envelope left: 1 in its middle, 0 at a limit, negative outside.
-    system_status : 1, a `SystemStatus`: BAD_INPUT while state or command are not known. Without the command its last
-        torque is wished for; without the state nothing but torque and rate can be limited.
+    system_status : 1, a `SystemStatus`: HOLDING while the command is not finite, or comes from a dead controller
+        (`Repeated`): the posture is held where that began; BAD_INPUT while the state is not known: nothing but torque
+        and rate can be limited.
     torque_mean : n (Nm or N), mean of the torque at the joints over `mean_time`, with the period that begins now as
         the last; what slower observers are fed. `torque_delay` is in it.
 
@@ -71,6 +75,8 @@ class JointEnvelope(LeafSystem):
         super().__init__()
         self._params = params = params or JointEnvelopeParameters()
         self.envelope = envelope_of(robot, params)
+        hold = params.hold_stiffness, params.hold_damping
+        self._hold = tuple(np.full(robot.n, gain) for gain in hold)
         self._delay, self._width = params.periods("torque_delay"), params.periods("mean_time")
         n = robot.n
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
@@ -100,17 +106,17 @@ class JointEnvelope(LeafSystem):
 
     def _resting(self, terms: DynamicsTerms) -> _Memory:
         weight = np.clip(terms.g, -self.envelope.tau_max, self.envelope.tau_max)
-        return _Memory(np.tile(weight, (self._delay + max(self._width, 1), 1)))
+        return _Memory(np.tile(weight, (self._delay + max(self._width, 1), 1)), Repeated(weight, terms.q))
 
-    def _torques(self, context: Context) -> Array:
+    def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
-        return memory.torques
+        return memory
 
     def _mean(self, context: Context) -> Array:
         return self._with_now(context)[: self._width].mean(axis=0)
 
     def _with_now(self, context: Context) -> Array:
-        return np.vstack((self._torques(context)[1:], self._output.Eval(context).limited.torque))
+        return np.vstack((self._remembered(context).torques[1:], self._output.Eval(context).limited.torque))
 
     def _limited(self, terms: DynamicsTerms, external: Array, command: Array, torques: Array) -> Limited:
         motion = Motion(terms.q, terms.v, terms.M, terms.Cv + terms.g, external, torques[-1])
@@ -118,7 +124,8 @@ class JointEnvelope(LeafSystem):
         return Limited(*limited_torque(self.envelope, motion, command))
 
     def _evaluate(self, context: Context) -> _Output:
-        torques, terms = self._torques(context), self._dynamics.Eval(context)
+        memory, terms = self._remembered(context), self._dynamics.Eval(context)
+        torques, repeated = memory.torques, memory.repeated
         given, largest = self._command.Eval(context), 1e3 * self.envelope.tau_max
         known = bool(np.isfinite(given).all())
         command = np.clip(given, -largest, largest) if known else torques[-1]
@@ -130,10 +137,15 @@ class JointEnvelope(LeafSystem):
         external = np.zeros(len(command))
         if self._external.HasValue(context):
             external = np.nan_to_num(self._external.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
+        q_hold = repeated.q_hold if np.array_equal(given, repeated.command, equal_nan=True) else None
+        if q_hold is None and not known:
+            q_hold = terms.q
+        if q_hold is not None:
+            command = posture_torque(terms, q_hold, *self._hold)
         now = self._limited(terms, external, command, torques)
-        if not known:
-            now = now._replace(status=EnvelopeStatus.BAD_INPUT)
-        return _Output(now, command - now.torque, SystemStatus.OK if known else SystemStatus.BAD_INPUT)
+        if q_hold is None:
+            return _Output(now, command - now.torque, SystemStatus.OK)
+        return _Output(now._replace(status=EnvelopeStatus.BAD_INPUT), command - now.torque, SystemStatus.HOLDING)
 
     def _within_rate(self, command: Array, before: Array) -> Array:
         step = self.envelope.tau_rate * self.envelope.period
@@ -145,4 +157,8 @@ class JointEnvelope(LeafSystem):
             state.get_mutable_abstract_state(int(self._memory)).set_value(self._resting(terms))
 
     def _update(self, context: Context, state: State) -> None:
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(self._with_now(context)))
+        repeated, terms = self._remembered(context).repeated, self._dynamics.Eval(context)
+        repeated = repeated.after(
+            self._command.Eval(context), terms.q, terms.v, self._params.period, self._params.stale_time
+        )
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(self._with_now(context), repeated))

@@ -32,7 +32,7 @@ class Command(LeafSystem):
         )
 
 
-def run(robot, torque, duration, exact=False):
+def run(robot, torque, duration, exact=False, stale_time=np.inf):
     """Return samples (speeds, torques, status) at each ms of the arm that `torque` commands through the envelope."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(STEP))
@@ -40,7 +40,7 @@ def run(robot, torque, duration, exact=False):
     plant.Finalize()
     plant.SetDefaultPositions(arm, robot.home)
     encoders = JointSensorParameters(STEP, 0.0, 0.0, False) if exact else JointSensorParameters(STEP)
-    params = JointEnvelopeParameters(velocity_age=0.0 if exact else 0.5 * STEP)
+    params = JointEnvelopeParameters(velocity_age=0.0 if exact else 0.5 * STEP, stale_time=stale_time)
     sensor = builder.AddSystem(JointSensor(robot, encoders))
     dynamics, envelope = builder.AddSystem(RobotDynamics(robot)), builder.AddSystem(JointEnvelope(robot, params))
     command = builder.AddSystem(Command(torque))
@@ -98,19 +98,36 @@ def test_a_controller_that_goes_mad_at_a_random_time_leaves_no_limit(load_arm, n
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_without_a_command_the_last_torque_is_wished_for_and_it_is_told(lwr4, bad):
+def test_without_a_command_the_posture_is_held_and_it_is_told(lwr4, bad):
     """And the envelope goes on when the command is known again."""
+    weight = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).g
 
     def torque(t):
-        return np.full(7, bad) if 0.05 < t < 0.10 else np.zeros(7)
+        return np.full(7, bad) if 0.05 < t < 0.50 else weight + [3.0 * np.sin(40.0 * t), 0, 0, 0, 0, 0, 0]
 
-    _, applied, excess, status, system_status, _ = run(lwr4, torque, 0.2)
+    v, applied, excess, status, system_status, q = run(lwr4, torque, 0.6)
     lost = status[:, 0] == EnvelopeStatus.BAD_INPUT
-    np.testing.assert_array_equal(lost, system_status[:, 0] == SystemStatus.BAD_INPUT)
-    assert 48 <= lost.sum() <= 52
+    np.testing.assert_array_equal(lost, system_status[:, 0] == SystemStatus.HOLDING)
+    assert 448 <= lost.sum() <= 452
     assert np.isfinite(applied).all() and np.isfinite(excess).all()
-    assert np.max(np.abs(np.diff(applied[lost], axis=0))) < 0.5  # 1 Nm at full rate
+    began, end = np.flatnonzero(lost)[[0, -1]]
+    assert np.abs(v[began]).max() > 0.02  # it moved
+    assert np.abs(q[end] - q[began]).max() < 1e-3 and np.abs(v[end]).max() < 1e-3
     assert not lost[-50:].any()
+
+
+def test_a_command_that_is_frozen_while_the_arm_moves_comes_from_a_dead_controller(lwr4):
+    """Within the stale time it holds where that was noticed; before, it was on its way down under no torque."""
+    _, _, _, _, status, q = run(lwr4, lambda t: np.zeros(7), 1.0, stale_time=0.03)
+    dead = np.flatnonzero(status[:, 0] == SystemStatus.HOLDING)
+    assert dead[0] == pytest.approx(31, abs=2) and len(dead) == len(status) - dead[0]
+    assert np.abs(q[-1] - q[dead[0]]).max() < 1e-3
+
+
+def test_a_frozen_command_of_an_arm_at_rest_is_none_of_a_dead_controller(lwr4):
+    weight = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).g
+    *_, status, _ = run(lwr4, lambda t: weight, 0.3, stale_time=0.03)
+    assert np.all(status == SystemStatus.OK)
 
 
 def test_an_unknown_state_leaves_torque_and_rate_limited(lwr4):
