@@ -97,6 +97,7 @@ def add_contact_cell(
     builder.Connect(camera.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
     background = learn_background(robot, params)
     params.__post_init__()
+    params.pipeline.localizer.frozen_frames = 2 if params.sampler.noise.enabled else 0
     joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     builder.Connect(cell.robot_state, joints.GetInputPort("state"))
     ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 _NOBODY = np.zeros((0, 3))
 _WORST_LAST = (CameraStatus.OK, CameraStatus.WAITING, CameraStatus.INVALID, CameraStatus.STALE)
+_STRIDE = 16  # pixels; of the sample that tells whether a frame is the last one again
 
 
 class _Camera(NamedTuple):
@@ -37,6 +38,14 @@ class _Camera(NamedTuple):
     status: CameraStatus = CameraStatus.WAITING
     places: Sequence[Place] = ()
     points: Array = _NOBODY  # (k, 3) m, of the person in the world
+    sample: Depth | None = None  # some pixels of the last frame (m)
+    repeats: int = 0  # frames since that were equal to it
+
+    def repeated(self, depth: Depth | None) -> tuple[Depth | None, int]:
+        """Return pixels of a new frame, and for how many frames they have been the same, bit for bit."""
+        sample = None if depth is None else depth[::_STRIDE, ::_STRIDE].copy()
+        same = sample is not None and self.sample is not None and np.array_equal(sample, self.sample, equal_nan=True)
+        return sample, self.repeats + 1 if same else 0
 
 
 @dataclass(frozen=True)
@@ -202,10 +211,14 @@ class ContactLocalizer(LeafSystem):
         newest = max(stamps.values())
         at, views = self._instant(memory, newest), []
         for k, stamp in stamps.items():
+            sample, repeats = cameras[k].repeated(self._frames.depth(context, k))
+            if 0 < self._params.frozen_frames <= repeats:
+                cameras[k] = _Camera(now, stamp, CameraStatus.STALE, sample=sample, repeats=repeats)
+                continue
             view = self._look(context, k, at)
-            cameras[k] = _Camera(now, stamp, CameraStatus.INVALID)
+            cameras[k] = _Camera(now, stamp, CameraStatus.INVALID, sample=sample, repeats=repeats)
             if view is not None:
-                cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points)
+                cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points, sample, repeats)
                 views.append(view)
         memory = replace(memory, cameras=tuple(cameras), stamp=newest)
         if not views:

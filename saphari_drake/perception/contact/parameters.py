@@ -36,6 +36,9 @@ class LocalizerParameters(SegmentationParameters):
     least_seen: float = 0.5
     # Time without a frame after which the camera is stale (s, > 0), so that a controller can stop within 0.1 s.
     timeout: float = 0.08
+    # Frames in a row that are equal to the one before, bit for bit, from which on the camera is stale: the noise of a
+    # camera that works makes no two frames equal. 0: they may be, as without noise.
+    frozen_frames: int = 0
     # Deviation of a frame's contact point (m, > 0); it grows by as much as the person is farther away than `near` (m,
     # > 0). How far a contact slides over the robot within a second (m, > 0).
     point_sigma: float = 0.004
@@ -62,7 +65,7 @@ class LocalizerParameters(SegmentationParameters):
             "limb_distance", "limb_softness", "timeout", "point_sigma", "near", "slide", "time_constant", "jump",
             "switch_frames", "torque_sigma", "felt", "veto", "memory",
         )  # fmt: skip
-        require_non_negative(self, "thickness", "least_thickness", "most_thickness")
+        require_non_negative(self, "frozen_frames", "thickness", "least_thickness", "most_thickness")
         if self.most_thickness < self.least_thickness:
             raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
         if not 0.0 <= self.least_seen <= 1.0:

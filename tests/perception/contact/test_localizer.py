@@ -164,6 +164,22 @@ def test_frames_without_readings_are_invalid(bench_scene):
     assert bench.get("camera_status") == CameraStatus.OK
 
 
+@pytest.mark.parametrize("frozen_frames", [0, 2])
+def test_a_frame_that_comes_again_and_again_is_stale_where_none_can(bench_scene, frozen_frames):
+    """Until one comes that is new."""
+    scene, touch, image = bench_scene
+    bench, seen = Bench(scene, frozen_frames=frozen_frames), []
+    bench.set("position_measured", touch.q)
+    for k in range(8):
+        noise = 0.0 if 2 < k < 6 else 1e-4 * k
+        bench.frame(np.where(image > 0.0, image + np.float32(noise), image), 0.03 * k)
+        bench.advance(0.03 * k + 0.01)
+        seen.append(bench.get("camera_status"))
+    stale = [k for k, status in enumerate(seen) if status == CameraStatus.STALE]
+    assert stale == ([5] if frozen_frames else [])
+    assert seen[-1] == CameraStatus.OK
+
+
 @pytest.mark.parametrize("stamp", [0.05, 0.6, np.nan, np.inf])
 def test_frames_from_long_ago_or_the_future_are_not_used(bench_scene, stamp):
     scene, touch, image = bench_scene
