@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = read_results(ROOT / "diagrams" / "results.json")
 BENCHMARKS = read_results(ROOT / "diagrams" / "benchmarks.json")
+FAULTS = read_results(ROOT / "diagrams" / "faults.json")
 
 
 def numbers_typed(text):
@@ -38,7 +39,7 @@ def test_the_two_commands_are_printed():
 
 def test_generated_parts_are_what_is_recorded():
     """`report.py --tables` would change nothing."""
-    assert generated(README, RESULTS, BENCHMARKS) == README
+    assert generated(README, RESULTS, BENCHMARKS, FAULTS) == README
 
 
 def test_every_figure_of_the_readme_is_recorded():
@@ -63,4 +64,4 @@ def test_a_changed_figure_is_found():
     digit = re.search(r"\d", part[1])
     at = part.start(1) + digit.start()
     changed = README[:at] + str((int(digit[0]) + 1) % 10) + README[at + 1 :]
-    assert generated(changed, RESULTS, BENCHMARKS) == README != changed
+    assert generated(changed, RESULTS, BENCHMARKS, FAULTS) == README != changed

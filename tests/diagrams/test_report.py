@@ -26,7 +26,8 @@ row = {"median_ms": 0.5, "p95_ms": 0.9, "p99_ms": 1.0, "steps": 9, "aimed_ms": 0
 open(sys.argv[sys.argv.index("--json") + 1], "w").write(json.dumps({"one": row}))
 """
 README = "".join(
-    f"<!-- results:{name} -->\n<!-- /results -->\n" for name in ("made", "experiments", "short", "speed_made", "speed")
+    f"<!-- results:{name} -->\n<!-- /results -->\n"
+    for name in ("made", "experiments", "short", "faults", "speed_made", "speed")
 )
 
 

@@ -13,11 +13,15 @@ from typing import NamedTuple
 from experiments.evidence.benchmarks import run_benchmarks
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
+from experiments.evidence.fault_trials import fault_jobs, fault_summary, run_faults
 from experiments.evidence.gate import check
+from experiments.evidence.progress import Progress
 from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results
-from saphari_drake.errors import SaphariError
+from experiments.evidence.runs import Run
+from saphari_drake.errors import SaphariError, UnknownNameError
+from saphari_drake.simulation.faults.registry import FAULTS
 from saphari_drake.simulation.record.files import write_text
 from saphari_drake.simulation.runner.command_line import complain, say
 
@@ -35,6 +39,11 @@ class Places(NamedTuple):
     def results(self) -> Path:
         """File of the experiments' figures."""
         return self.scripts / "results.json"
+
+    @property
+    def faults(self) -> Path:
+        """File of the trials of faults."""
+        return self.scripts / "faults.json"
 
     @property
     def times(self) -> Path:
@@ -63,7 +72,9 @@ def _main(options: Namespace, places: Places) -> int:
             scripts = find_scripts(places.scripts)
             lines = check(scripts, options.only, places.results, out, options.jobs, keep, say)
             return _told(lines, "gate: pass", "gate: FAIL")
-        if options.benchmarks:
+        if options.faults:
+            broken = record_faults(options, places, out, keep)
+        elif options.benchmarks:
             record_benchmarks(places, options.only)
         elif not options.tables:
             scripts = find_scripts(places.scripts)
@@ -80,11 +91,30 @@ def record_benchmarks(places: Places, only: Sequence[str]) -> None:
         write_results(places.times, dict(sorted(recorded.items())))
 
 
+def record_faults(options: Namespace, places: Places, out: Path, keep: bool) -> list[str]:
+    """Run the trials of faults and keep what they come to; return a line for each run that could not be judged."""
+    scripts, recorded = find_scripts(places.scripts), read_results(places.faults)
+    for name in options.only:
+        if name not in FAULTS:
+            raise UnknownNameError("fault", name, FAULTS)
+    progress = Progress(fault_jobs(options.seeds, options.only), {}, options.jobs)
+    done: dict[tuple[str, str], list[Run]] = {}
+    for run in run_faults(scripts, options.seeds, options.only, out, options.jobs, keep):
+        say(progress.line(run))
+        case = f"{run.job.script}/{run.job.case}"
+        done.setdefault((run.job.label, case), []).append(run)
+        summary = fault_summary(done[run.job.label, case])
+        recorded.setdefault(run.job.label, {})[case] = summary
+        write_results(places.faults, recorded)
+    unjudged = (entry for cases in recorded.values() for entry in cases.values() if entry.get("made") == 0)
+    return [f"not judged: {entry['complaint']}" for entry in unjudged]
+
+
 def write_readme(places: Places) -> list[str]:
     """Write the README's generated parts; return a line for each figure that it lacks."""
     results, times = read_results(places.results), read_results(places.times)
     text = places.readme.read_text(encoding="utf-8")
-    write_text(places.readme, generated(text, results, times))
+    write_text(places.readme, generated(text, results, times, read_results(places.faults)))
     return missing(results, times)
 
 

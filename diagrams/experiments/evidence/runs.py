@@ -24,11 +24,14 @@ class Job:
     script: str
     case: str
     seed: int | None = None
+    label: str = ""  # tells runs of one case and seed apart
+    options: tuple[str, ...] = ()  # more of the command line
 
     @property
     def name(self) -> str:
         """Name of the run, as it is shown."""
-        return f"{self.script}/{self.case}" + ("" if self.seed is None else f" seed {self.seed}")
+        more = f" {self.label}" if self.label else ""
+        return f"{self.script}/{self.case}{more}" + ("" if self.seed is None else f" seed {self.seed}")
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,8 @@ def run_job(job: Job, path: Path, out: Path, keep: bool = True) -> Run:
     folder = out / job.script / ("default" if job.seed is None else f"seed_{job.seed}")
     case, _, plant = job.case.partition("/")
     folder /= plant  # nothing: the ideal one
-    command = [sys.executable, str(path), "--case", case, "--out", str(folder)]
+    folder /= job.label
+    command = [sys.executable, str(path), "--case", case, "--out", str(folder), *job.options]
     command += ["--plant", plant] if plant else []
     command += [] if job.seed is None else ["--seed", str(job.seed)]
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
