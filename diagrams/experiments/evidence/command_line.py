@@ -20,10 +20,10 @@ EPILOG = """examples:
 
 Figures go to results.json, faults.json and benchmarks.json in diagrams; the README's tables are written from these.
 What a selection leaves out stays as it was recorded. The gate runs every case with its default seed, and the main
-experiment with a seed made from the date as well. It fails if a run does not end with 0 or if a figure of a default seed is
-further off its recorded value than the difference allowed for it: its spread over the seeds, at least 5 % of the value
-or 2 % of its bound, 10 % of a value without one, and what the simulated sensors tell apart (1e-6 m or rad, 0.01 N or
-Nm). Timings are recorded and never compared.
+experiment with a seed made from the date as well. It fails if a run does not end with 0 or if a figure of a default
+seed is further off its recorded value than the difference allowed for it: its spread over the seeds, at least 5 % of
+the value or 2 % of its bound, 10 % of a value without one, and what the simulated sensors tell apart (1e-6 m or rad,
+0.01 N or Nm). Timings are recorded and never compared.
 Exit status: 0 done (with --check: passed), 1 a run could not be made, a figure of the README is not recorded or the
 gate failed, 2 input that cannot be used."""
 
