@@ -5,6 +5,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from saphari_drake.perception.skin.layout import CELLS
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.faults.brakes import add_brakes
 from saphari_drake.simulation.faults.registry import FAULTS
 from saphari_drake.simulation.faults.signals import (
     SignalFault,
@@ -70,7 +71,9 @@ def inject(
 
 
 def inject_into(builder: DiagramBuilder, cell: Cell, truth: Truth) -> None:
-    """Insert the faults of `truth` into a diagram with a cell."""
+    """Insert the faults of `truth`, and the brakes that they may need, into a diagram with a cell."""
+    if truth.faults:
+        add_brakes(builder, cell)
     inject(builder, cell.robot, truth, cell.torque_input)
 
 
