@@ -12,6 +12,8 @@ from .disturbance_observer import (
 )
 from .joint_acceleration import JointAcceleration as JointAcceleration
 from .joint_friction import JointFrictionParameters as JointFrictionParameters
+from .joint_velocity import JointVelocity as JointVelocity
+from .joint_velocity import JointVelocityParameters as JointVelocityParameters
 from .model_error import (
     LearningStatus as LearningStatus,
 )

@@ -101,8 +101,9 @@ def add_guiding_cell(
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
         own_joint_state(
-            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
-        ),
+            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth,
+            params.pipeline.velocity,
+        ),  # fmt: skip
     )
     calibration = skin_calibration(layout, params)
     pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
