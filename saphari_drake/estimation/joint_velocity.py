@@ -24,8 +24,11 @@ class JointVelocityParameters:
 
     # rad or m; one step of the encoders. 0: they are fine, and pipelines do without this estimator.
     resolution: float = 0.0
-    # Nm (N); torque that the model does not know: hands, friction, errors of the model. Assumed.
-    unknown_torque: float = 1.0
+    # Nm (N); torque that the model does not know: hands, friction, errors of the model. Less of it makes commands
+    # quieter, more of it shortens the lag behind a push. Assumed; the envelope has one of its own, for it is to see a
+    # push before it is quiet.
+    unknown_torque: float = 0.1
+    envelope_torque: float = 1.0
     # s; time in which that torque may change by its own size: a hand that takes hold, a joint that turns round. Assumed.
     change_time: float = 0.05
     # s; period with which the joints are sampled.
@@ -33,7 +36,7 @@ class JointVelocityParameters:
 
     def __post_init__(self) -> None:
         require_non_negative(self, "resolution")
-        require_positive(self, "unknown_torque", "change_time", "period")
+        require_positive(self, "unknown_torque", "envelope_torque", "change_time", "period")
 
 
 class JointEstimate(NamedTuple):

@@ -67,7 +67,9 @@ def add_joint_envelope(
         params = replace(params, period=period, velocity_age=0.5 * period, mean_time=period)
     else:
         params = replace(params, mean_time=period)
-    smoothing = replace(velocity, period=params.period) if own and velocity else JointVelocityParameters()
+    smoothing = JointVelocityParameters()
+    if own and velocity:
+        smoothing = replace(velocity, period=params.period, unknown_torque=velocity.envelope_torque)
     estimated = add_joint_velocity(builder, robot, own or held, smoothing, "envelope_velocity")
     state, dynamics = estimated.state, builder.AddNamedSystem("envelope_dynamics", RobotDynamics(robot))
     envelope = builder.AddNamedSystem("joint_envelope", JointEnvelope(robot, params))

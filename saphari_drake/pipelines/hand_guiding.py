@@ -15,6 +15,7 @@ from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator, WristWrenchParameters
+from saphari_drake.perception.wrench.tool import ToolParameters
 from saphari_drake.pipelines.envelope import JointState, add_joint_envelope, add_joint_velocity
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
@@ -87,8 +88,12 @@ def add_hand_guiding_pipeline(
     layout: SkinLayout,
     calibration: SkinCalibration,
     params: HandGuidingPipelineParameters | None = None,
+    tool: ToolParameters | None = None,
 ) -> HandGuidingPipeline:
-    """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them."""
+    """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them.
+
+    `tool` is what the wrist sensor carries, as identified; default: as the model has it.
+    """
     params = replace(params or HandGuidingPipelineParameters())  # its parts take period and tip
 
     def add(name: str, system: LeafSystem):
@@ -106,7 +111,7 @@ def add_hand_guiding_pipeline(
         builder.Connect(velocity, difference.GetInputPort("velocity_measured"))
         acceleration = difference.GetOutputPort("acceleration_measured")
     skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
-    wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist))
+    wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist, tool))
     controller = add("controller", HandGuidingController(robot, params.controller))
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     observer = add("momentum_observer", MomentumObserver(robot, params.observer))
