@@ -14,7 +14,7 @@ from saphari_drake.simulation.world.cell import Cell
 from saphari_drake.simulation.world.profile import Truth
 
 # rad/s (m/s); encoders whose velocity, a difference over a period, has coarser steps are smoothed. Assumed.
-COARSE = 0.01
+COARSE = 0.002
 
 
 def own_joint_state(
@@ -29,7 +29,7 @@ def own_joint_state(
 ) -> JointState:
     """Add a joint sensor like `sensor` with the period of the envelope.
 
-    Envelope and observer are told how late velocities are, and how late the torque acts: both are known of a robot. With
+    Envelope and observer are told how late velocities are, and how late the torque acts: both are known. With
     `velocity`, which is told the step of coarse encoders, velocities are not late any more.
     """
     sensor = replace(truth.joint_sensor(sensor), period=params.period)

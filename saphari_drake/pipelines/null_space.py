@@ -32,8 +32,9 @@ class NullSpacePipelineParameters:
     controller: NullSpaceComplianceParameters = field(default_factory=NullSpaceComplianceParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
     envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
-    # Of coarse encoders; with `resolution` 0 the measured velocity is taken as it is.
-    velocity: JointVelocityParameters = field(default_factory=JointVelocityParameters)
+    # Of coarse encoders; with `resolution` 0 the measured velocity is taken as it is. A touch is felt through the
+    # velocity alone, hence with little lag.
+    velocity: JointVelocityParameters = field(default_factory=lambda: JointVelocityParameters(unknown_torque=1.0))
 
     def __post_init__(self) -> None:
         require_positive(self, "period")

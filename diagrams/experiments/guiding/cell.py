@@ -102,7 +102,13 @@ def add_guiding_cell(
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
         own_joint_state(
-            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth,
+            builder,
+            robot,
+            cell,
+            params.joint_sensor,
+            params.pipeline.envelope,
+            params.pipeline.observer,
+            truth,
             params.pipeline.velocity,
         ),  # fmt: skip
     )
