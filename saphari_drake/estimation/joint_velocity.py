@@ -174,6 +174,6 @@ class JointVelocity(LeafSystem):
         terms: DynamicsTerms = self._dynamics.Eval(context)
         torque, following = np.array(self._torque.Eval(context)), self._none
         if now.status == status_of(torque) == SystemStatus.OK and terms.finite:
-            modelled: Array = np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
+            modelled = np.asarray(np.linalg.solve(terms.M, torque - terms.Cv - terms.g), dtype=np.float64)
             following = _Memory(advanced(now.estimate, modelled, self._period), modelled, True)
         state.get_mutable_abstract_state(int(self._memory)).set_value(following)

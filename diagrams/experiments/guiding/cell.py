@@ -110,7 +110,7 @@ def add_guiding_cell(
             params.pipeline.observer,
             truth,
             params.pipeline.velocity,
-        ),  # fmt: skip
+        ),
     )
     calibration = skin_calibration(layout, params)
     tool = identified_tool(robot, truth, params.force_sensor)
