@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 import saphari_drake
 from saphari_drake.errors import ParameterError
+from saphari_drake.estimation import JointVelocity, JointVelocityParameters
 from saphari_drake.perception import CameraCheck, CameraParameters
 from saphari_drake.safety import TorqueLimit
 
@@ -74,6 +75,7 @@ def systems() -> dict[type, LeafSystem]:
     """Return one system of each class of this library, out of the experiments' diagrams."""
     robot = saphari_drake.lwr4()
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
+    found[JointVelocity] = JointVelocity(robot, JointVelocityParameters(resolution=1e-4))
     for script, case in DIAGRAMS.items():
         experiment = importlib.import_module(script).EXPERIMENT
         found |= dict(systems_of(experiment.build_diagram(experiment.scenario_for(case))))

@@ -17,6 +17,8 @@ from .joint_acceleration import JointAcceleration as JointAcceleration
 from .joint_friction import JointFrictionParameters as JointFrictionParameters
 from .joint_identification import Identification as Identification
 from .joint_identification import identify as identify
+from .joint_velocity import JointVelocity as JointVelocity
+from .joint_velocity import JointVelocityParameters as JointVelocityParameters
 from .model_error import (
     LearningStatus as LearningStatus,
 )

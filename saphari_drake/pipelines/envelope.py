@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from saphari_drake.estimation.joint_velocity import JointVelocity, JointVelocityParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch
@@ -20,6 +21,32 @@ class JointState(NamedTuple):
     velocity: OutputPort  # n (rad/s or m/s)
 
 
+class EstimatedState(NamedTuple):
+    """A joint state as the pipeline's parts take it, with the estimator behind it."""
+
+    state: JointState
+    estimator: JointVelocity | None  # none: the state is the measured one
+
+    def close(self, builder: DiagramBuilder, dynamics: RobotDynamics, torque: OutputPort) -> None:
+        """Tell the estimator, if there is one, dynamics and torque."""
+        if self.estimator:
+            builder.Connect(dynamics.get_output_port(), self.estimator.GetInputPort("dynamics"))
+            builder.Connect(torque, self.estimator.GetInputPort("torque_applied"))
+
+
+def add_joint_velocity(
+    builder: DiagramBuilder, robot: RobotModel, measured: JointState, params: JointVelocityParameters, name: str
+) -> EstimatedState:
+    """Add an estimator of the joint state; with `resolution` 0, none."""
+    if params.resolution == 0.0:
+        return EstimatedState(measured, None)
+    estimator = builder.AddNamedSystem(name, JointVelocity(robot, params))
+    builder.Connect(measured.position, estimator.GetInputPort("position_measured"))
+    builder.Connect(measured.velocity, estimator.GetInputPort("velocity_measured"))
+    ports = (estimator.GetOutputPort(f"{quantity}_estimated") for quantity in ("position", "velocity"))
+    return EstimatedState(JointState(*ports), estimator)
+
+
 def add_joint_envelope(
     builder: DiagramBuilder,
     robot: RobotModel,
@@ -29,18 +56,22 @@ def add_joint_envelope(
     own: JointState | None,
     params: JointEnvelopeParameters,
     period: float,
+    velocity: JointVelocityParameters | None = None,
 ) -> JointEnvelope:
     """Add an envelope behind a switch, with dynamics of its own; its `torque_mean` is over `period`.
 
     Without a joint state at its own rate it takes the one that is held over `period`, and acts as often: bounds on
-    what happens between are then coarser.
+    what happens between are then coarser. With `velocity`, its own joint state is estimated behind coarse encoders.
     """
     if own is None:
         params = replace(params, period=period, velocity_age=0.5 * period, mean_time=period)
     else:
         params = replace(params, mean_time=period)
-    state = own or held
-    dynamics = builder.AddNamedSystem("envelope_dynamics", RobotDynamics(robot))
+    smoothing = JointVelocityParameters()
+    if own and velocity:
+        smoothing = replace(velocity, period=params.period, unknown_torque=velocity.envelope_torque)
+    estimated = add_joint_velocity(builder, robot, own or held, smoothing, "envelope_velocity")
+    state, dynamics = estimated.state, builder.AddNamedSystem("envelope_dynamics", RobotDynamics(robot))
     envelope = builder.AddNamedSystem("joint_envelope", JointEnvelope(robot, params))
     builder.Connect(state.position, dynamics.GetInputPort("position_measured"))
     builder.Connect(state.velocity, dynamics.GetInputPort("velocity_measured"))
@@ -51,4 +82,5 @@ def add_joint_envelope(
         (switch, "torque_commanded", envelope),
         (envelope, "torque_applied", switch),
     )
+    estimated.close(builder, dynamics, envelope.GetOutputPort("torque_acting"))
     return envelope

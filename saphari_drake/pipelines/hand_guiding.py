@@ -8,13 +8,15 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.control.hand_guiding.system import HandGuidingController
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
+from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive
 from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator, WristWrenchParameters
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
+from saphari_drake.perception.wrench.tool import ToolParameters
+from saphari_drake.pipelines.envelope import JointState, add_joint_envelope, add_joint_velocity
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
@@ -37,10 +39,12 @@ class HandGuidingPipelineParameters:
     # What the hands do to the arm, for the envelope alone.
     observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
     envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
+    # Of coarse encoders; with `resolution` 0 the measured velocity is taken as it is.
+    velocity: JointVelocityParameters = field(default_factory=JointVelocityParameters)
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.skin, self.wrist, self.controller, self.switch, self.observer):
+        for part in (self.skin, self.wrist, self.controller, self.switch, self.observer, self.velocity):
             part.period = self.period
         self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.controller.__post_init__()
@@ -84,34 +88,48 @@ def add_hand_guiding_pipeline(
     layout: SkinLayout,
     calibration: SkinCalibration,
     params: HandGuidingPipelineParameters | None = None,
+    tool: ToolParameters | None = None,
 ) -> HandGuidingPipeline:
-    """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them."""
+    """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them.
+
+    `tool` is what the wrist sensor carries, as identified; default: as the model has it.
+    """
     params = replace(params or HandGuidingPipelineParameters())  # its parts take period and tip
 
     def add(name: str, system: LeafSystem):
         return builder.AddNamedSystem(name, system)
 
     dynamics = add("dynamics", RobotDynamics(robot))
-    acceleration = add("joint_acceleration", JointAcceleration(robot, params.period))
+    estimated = add_joint_velocity(
+        builder, robot, JointState(measured.position, measured.velocity), params.velocity, "joint_velocity"
+    )
+    position, velocity = estimated.state
+    if estimated.estimator:
+        acceleration = estimated.estimator.GetOutputPort("acceleration_estimated")
+    else:
+        difference = add("joint_acceleration", JointAcceleration(robot, params.period))
+        builder.Connect(velocity, difference.GetInputPort("velocity_measured"))
+        acceleration = difference.GetOutputPort("acceleration_measured")
     skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
-    wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist))
+    wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist, tool))
     controller = add("controller", HandGuidingController(robot, params.controller))
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     observer = add("momentum_observer", MomentumObserver(robot, params.observer))
-    torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
+    torque_external, held = observer.GetOutputPort("torque_external"), estimated.state
     envelope = add_joint_envelope(
-        builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period
-    )
+        builder, robot, switch, torque_external, held, measured.joint_state, params.envelope, params.period,
+        params.velocity,
+    )  # fmt: skip
+    estimated.close(builder, dynamics, envelope.GetOutputPort("torque_mean"))
     wires = (
-        (measured.position, dynamics, "position_measured"),
-        (measured.velocity, dynamics, "velocity_measured"),
-        (measured.velocity, acceleration, "velocity_measured"),
+        (position, dynamics, "position_measured"),
+        (velocity, dynamics, "velocity_measured"),
         (measured.wrench, wrist, "wrench_sensor"),
         (measured.voltages, skin, "voltages"),
         (measured.sample_time, skin, "sample_time"),
         (dynamics.get_output_port(), wrist, "dynamics"),
         # Without it, the feedforward of the measured force would answer what it does to the tool itself.
-        (acceleration.GetOutputPort("acceleration_measured"), wrist, "acceleration_measured"),
+        (acceleration, wrist, "acceleration_measured"),
         (dynamics.get_output_port(), controller, "dynamics"),
         (skin.GetOutputPort("skin_reading"), controller, "skin"),
         (wrist.GetOutputPort("wrench_measured"), controller, "wrench_measured"),

@@ -8,9 +8,10 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from saphari_drake.control.null_space.parameters import NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
 from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverParameters
+from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
+from saphari_drake.pipelines.envelope import JointState, add_joint_envelope, add_joint_velocity
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
@@ -31,10 +32,13 @@ class NullSpacePipelineParameters:
     controller: NullSpaceComplianceParameters = field(default_factory=NullSpaceComplianceParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
     envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
+    # Of coarse encoders; with `resolution` 0 the measured velocity is taken as it is. A touch is felt through the
+    # velocity alone, hence with little lag.
+    velocity: JointVelocityParameters = field(default_factory=lambda: JointVelocityParameters(unknown_torque=1.0))
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "momentum", "disturbance", "controller", "switch")
+        share_period(self, "momentum", "disturbance", "controller", "switch", "velocity")
 
 
 class NullSpacePipeline(NamedTuple):
@@ -69,9 +73,10 @@ def add_null_space_pipeline(
     params = params or NullSpacePipelineParameters()
     params.__post_init__()  # its parts take the period
     add = builder.AddNamedSystem
+    estimated = add_joint_velocity(builder, robot, JointState(position, velocity), params.velocity, "joint_velocity")
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     momentum = add("momentum_observer", MomentumObserver(robot, params.momentum))
-    torque_external, held = momentum.GetOutputPort("torque_external"), JointState(position, velocity)
+    torque_external, held = momentum.GetOutputPort("torque_external"), estimated.state
     p = NullSpacePipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         momentum=momentum,
@@ -87,6 +92,7 @@ def add_null_space_pipeline(
             joint_state,
             params.envelope,
             params.period,
+            params.velocity,
         ),
     )
     connect(
@@ -99,10 +105,11 @@ def add_null_space_pipeline(
         (p.envelope, "torque_excess", p.disturbance),
     )
     for source, target, name in (
-        (position, p.dynamics, "position_measured"),
-        (velocity, p.dynamics, "velocity_measured"),
+        (held.position, p.dynamics, "position_measured"),
+        (held.velocity, p.dynamics, "velocity_measured"),
         (p.envelope.GetOutputPort("torque_mean"), p.momentum, "torque_applied"),
         (p.disturbance.GetOutputPort("torque_external"), p.controller, "torque_external_task"),
     ):
         builder.Connect(source, target.GetInputPort(name))
+    estimated.close(builder, p.dynamics, p.envelope.GetOutputPort("torque_mean"))
     return p

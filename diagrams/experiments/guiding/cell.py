@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from experiments.guiding.tool import identified_tool
 from experiments.joint_state import own_joint_state
 from saphari_drake.parameters import require_choice
 from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
@@ -101,11 +102,19 @@ def add_guiding_cell(
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
         own_joint_state(
-            builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
+            builder,
+            robot,
+            cell,
+            params.joint_sensor,
+            params.pipeline.envelope,
+            params.pipeline.observer,
+            truth,
+            params.pipeline.velocity,
         ),
     )
     calibration = skin_calibration(layout, params)
-    pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline)
+    tool = identified_tool(robot, truth, params.force_sensor)
+    pipeline = add_hand_guiding_pipeline(builder, robot, measured, layout, calibration, params.pipeline, tool)
     driving, torque = pipeline.envelope, pipeline.torque_output
     if params.interface == "position":
         driving = add("position_servo", JointPositionServo(robot, params.servo))

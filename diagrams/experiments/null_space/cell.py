@@ -76,7 +76,9 @@ def add_null_space_cell(
     params.__post_init__()  # the sensor takes the period
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    state = own_joint_state(builder, robot, cell, params.joint_sensor, params.envelope, params.momentum, truth)
+    state = own_joint_state(
+        builder, robot, cell, params.joint_sensor, params.envelope, params.momentum, truth, params.velocity
+    )
     ports = sensor.get_output_port(0), sensor.get_output_port(1)
     pipeline = add_null_space_pipeline(builder, robot, *ports, params, state)
     builder.Connect(pipeline.torque_output, cell.torque_input)

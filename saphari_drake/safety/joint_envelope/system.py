@@ -50,6 +50,7 @@ class JointEnvelope(LeafSystem):
         - margin
         - system_status
         - torque_mean
+        - torque_acting
 
     Ports
     -----
@@ -66,6 +67,7 @@ class JointEnvelope(LeafSystem):
         and rate can be limited.
     torque_mean : n (Nm or N), mean of the torque at the joints over `mean_time`, with the period that begins now as
         the last; what slower observers are fed. `torque_delay` is in it.
+    torque_acting : n (Nm or N), the torque at the joints over the period that begins now, `torque_delay` in it.
 
     Law and guarantee: `limited_torque`. It knows nothing of the controller inside. An external torque that is not
     finite counts as none. At the start the torque before was that of the weight.
@@ -101,6 +103,8 @@ class JointEnvelope(LeafSystem):
         declare_readouts(self, self._output, readouts)
         mean = declare_cache(self, "mean", zero, self._mean, {self._output.ticket(), state})
         declare_readouts(self, mean, {"torque_mean": (n, lambda torque: torque)})
+        acting = declare_cache(self, "acting", zero, self._acting, {self._output.ticket(), state})
+        declare_readouts(self, acting, {"torque_acting": (n, lambda torque: torque)})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
 
@@ -114,6 +118,9 @@ class JointEnvelope(LeafSystem):
 
     def _mean(self, context: Context) -> Array:
         return self._with_now(context)[: self._width].mean(axis=0)
+
+    def _acting(self, context: Context) -> Array:
+        return self._with_now(context)[-1 - self._delay]
 
     def _with_now(self, context: Context) -> Array:
         return np.vstack((self._remembered(context).torques[1:], self._output.Eval(context).limited.torque))
