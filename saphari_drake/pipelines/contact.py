@@ -54,7 +54,7 @@ class ContactPipelineParameters:
         require_positive(self, "period")
         share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
-            check_hand(self.controller, float(np.min(self.observer.gain)))
+            check_hand(self.controller, float(np.min(self.observer.bandwidth)))
 
 
 class ContactMeasurements(NamedTuple):
@@ -119,7 +119,7 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, params.observer.gain)),
+        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, list(params.observer.bandwidth * np.ones(robot.n)))),
         detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
