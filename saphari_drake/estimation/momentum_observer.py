@@ -116,6 +116,7 @@ class MomentumObserver(LeafSystem):
         - torque_external
         - system_status
         - friction_uncertainty
+        - friction_torque
 
     Ports
     -----
@@ -126,6 +127,7 @@ class MomentumObserver(LeafSystem):
     system_status : 1, a `SystemStatus`.
     friction_uncertainty : n (Nm), by how much the identified friction may be wrong; all of it, where a joint has not
         moved yet.
+    friction_torque : n (Nm), what the identified friction does to the joints.
 
     The velocity may be late too: then σ is integrated with the torque up to the time of which the velocity tells. A
     delay that is not told appears as external torque wherever the torque changes: half a period of 5 ms with a gain of
@@ -164,6 +166,8 @@ class MomentumObserver(LeafSystem):
         declare_readouts(self, self._estimate, readouts)
         unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
         declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
+        rubbing = declare_cache(self, "rubbing", start.r, self._rubbing, tickets)
+        declare_readouts(self, rubbing, {"friction_torque": (robot.n, lambda torque: torque)})
 
     def _evaluate(self, context: Context) -> _Estimate:
         terms: DynamicsTerms = self._dynamics.Eval(context)
@@ -179,6 +183,10 @@ class MomentumObserver(LeafSystem):
 
     def _unsure(self, context: Context) -> Array:
         return self._friction.uncertainty(context.get_discrete_state(self._share).value())
+
+    def _rubbing(self, context: Context) -> Array:
+        share, v = context.get_discrete_state(self._share).value(), self._dynamics.Eval(context).v
+        return self._friction.torque(share, v)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Estimate = self._estimate.Eval(context)

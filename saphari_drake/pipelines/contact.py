@@ -148,6 +148,7 @@ def add_contact_pipeline(
         (p.dynamics, "dynamics", p.observer, p.model_error),
         (p.observer, "torque_external", p.model_error),
         (p.observer, "friction_uncertainty", p.force),
+        (p.observer, "friction_torque", p.controller),
         # The model corrected by what was learned, from here on.
         (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
         (p.model_error, "torque_external", p.detector, p.force, p.localizer),

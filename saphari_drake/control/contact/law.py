@@ -22,6 +22,7 @@ class TorqueTerms(NamedTuple):
     null_space: Array
     coriolis: Array
     gravity: Array
+    friction: Array
 
     def total(self) -> Array:
         """Return the sum of all parts."""
@@ -98,7 +99,7 @@ def contact_impedance_torque(
         force = J.T @ (shaping @ F - F)
     compensation = misfit_torque(misfit, F, gains.misfit_lever)
     null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
-    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g)
+    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g, 0.0 * terms.g)
 
 
 class ForceGains(NamedTuple):
@@ -157,6 +158,7 @@ def contact_force_torque(
             -terms.M @ (P_c @ (gains.K_N * terms.v)),
             terms.Cv,
             terms.g,
+            0.0 * terms.g,
         ),
         acceleration,
     )
