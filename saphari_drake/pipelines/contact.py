@@ -119,7 +119,7 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, list(params.observer.bandwidth * np.ones(robot.n)))),
+        model_error=add("model_error", ModelErrorEstimator(robot, _model_error(robot, params), list(params.observer.bandwidth * np.ones(robot.n)))),
         detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
@@ -176,6 +176,13 @@ def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDe
     own = diagonal(params.detector.threshold, n, "threshold")
     threshold = own + friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
     return replace(params.detector, threshold=threshold.tolist())
+
+
+def _model_error(robot: RobotModel, params: ContactPipelineParameters) -> ModelErrorParameters:
+    """Return its parameters; at rest friction is anywhere between both directions, whatever the observer remembers."""
+    dry = 2.0 * diagonal(params.observer.friction.coulomb, robot.n, "coulomb")
+    own = diagonal(params.model_error.stiction, robot.n, "stiction")
+    return replace(params.model_error, stiction=np.maximum(own, dry).tolist())
 
 
 def _controller(
