@@ -177,5 +177,6 @@ class ContactImpedanceController(ContactController):
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)
         p_desired = self._robot.kinematics(now.q_latched).position(now.contact.link, now.contact.p_LC)
-        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
+        touched = now.mode == InteractionMode.CONTACT
+        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains, touched)
         return idle._replace(terms=self._rubbing(context, parts), error=p_desired - point.p_WC)
