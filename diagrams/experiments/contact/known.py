@@ -18,27 +18,25 @@ MOST_AVERAGED = 8  # periods; 17 ms of lag at 5 ms. Assumed
 TURN_STEPS = 10.0  # steps of an encoder over which friction turns round. Assumed
 
 
-def encoder_noise(robot: RobotModel, sensor: JointSensorParameters, observer: MomentumObserverParameters) -> Array:
-    """Return the standard deviation (n,) of the residual in motion (Nm), before it is averaged.
+def encoder_error(robot: RobotModel, sensor: JointSensorParameters, observer: MomentumObserverParameters) -> Array:
+    """Return the largest error (n,) of the residual of slow joints (Nm) before it is averaged.
 
-    Two positions, each wrong by up to half a step, make the velocity: √(1/6) steps over the period. The momentum's
+    Two positions, each wrong by up to half a step, make the velocity wrong by a step over the period. The momentum's
     error passes the observer as K_I times itself.
     """
     if not sensor.differentiate:
         return np.zeros(robot.n)
-    velocity = sensor.position_resolution / math.sqrt(6.0) / sensor.period
     M = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).M
-    return discrete_gain(diagonal(observer.gain, robot.n, "gain"), sensor.period) * np.diag(M) * velocity
+    gain = discrete_gain(diagonal(observer.gain, robot.n, "gain"), sensor.period)
+    return gain * np.diag(M) * sensor.position_resolution / sensor.period
 
 
 def adapt_to_encoders(pipeline: ContactPipelineParameters, robot: RobotModel, sensor: JointSensorParameters) -> None:
-    """Average the residual until the detector's threshold is above the encoders' noise, and tell it the rest."""
-    observer, detector = pipeline.observer, pipeline.detector
-    noise = encoder_noise(robot, sensor, observer)
-    share = float(np.max(detector.noise_multiple * noise / diagonal(detector.threshold, robot.n, "threshold")))
-    observer.averaged = int(np.clip(math.ceil(share), observer.averaged, MOST_AVERAGED))
-    own = diagonal(detector.noise, robot.n, "noise")
-    detector.noise = np.hypot(own, noise / observer.averaged).tolist()
+    """Average the residual until the encoders' error stays below the detector's threshold."""
+    observer = pipeline.observer
+    threshold = diagonal(pipeline.detector.threshold, robot.n, "threshold")
+    periods = math.ceil(float(np.max(encoder_error(robot, sensor, observer) / threshold)))
+    observer.averaged = max(observer.averaged, min(periods, MOST_AVERAGED))
 
 
 def adapt_to_friction(pipeline: ContactPipelineParameters, robot: RobotModel, sensor: JointSensorParameters) -> None:
