@@ -119,7 +119,10 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        model_error=add("model_error", ModelErrorEstimator(robot, _model_error(robot, params), list(params.observer.bandwidth * np.ones(robot.n)))),
+        model_error=add(
+            "model_error",
+            ModelErrorEstimator(robot, _model_error(robot, params), list(params.observer.bandwidth * np.ones(robot.n))),
+        ),
         detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",

@@ -28,8 +28,8 @@ class ContactDetectorParameters:
     release_ratio: float = 0.5
     # s; how long it must stay there.
     release_time: float = 0.05
-    # Below the threshold itself, and this share of what it was within `drop_time` (s), it counts as released too: what is
-    # left then is friction of the arm's own motion. Assumed.
+    # Below the threshold itself, and this share of what it was within `drop_time` (s), it counts as released too: what
+    # is left then is friction of the arm's own motion. Assumed.
     drop_share: float = 0.25
     drop_time: float = 0.2
     # s; the control cycle.
@@ -72,8 +72,8 @@ class ContactDetector(LeafSystem):
     system_status : 1, a `SystemStatus`.
 
     Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
-    stayed below the release ratio, or dropped, for the release time. The residual's size is the trigger; which link it is comes from
-    vision.
+    stayed below the release ratio, or dropped, for the release time. The residual's size is the trigger;
+    which link it is comes from vision.
     """
 
     def __init__(self, num_joints: int, params: ContactDetectorParameters | None = None) -> None:

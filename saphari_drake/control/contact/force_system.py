@@ -126,7 +126,10 @@ class ContactForceController(ContactController):
             output = idle._replace(terms=parts, error=F - F_d, F_d=F_d, status=status, gate=gate)
         if not gate.open:
             status = gate.status(mode)
-            output = idle._replace(status=status, gate=gate, selection=replace(idle.selection, mode=_MODES[status]))
+            # Released, the arm rests where it is, and does not go back to where it was stopped.
+            key = (*idle.selection.key, int(status == ForceStatus.RELEASED))
+            selection = replace(idle.selection, mode=_MODES[status], key=key)
+            output = idle._replace(status=status, gate=gate, selection=selection)
         return output
 
     def _update(self, context: Context, state: State) -> None:
