@@ -29,8 +29,8 @@ class MomentumObserverParameters:
     torque_delay: float = 0.0
     # By how many periods the measured velocity is late: 0 for a sample, 0.5 for a difference of two positions.
     velocity_delay: float = 0.0
-    # Periods over which the residual is averaged; 1: none. A coarse encoder's noise is that of a second derivative, which
-    # the gain alone halves where it is halved; the average of four leaves a quarter for 1.5 periods of lag.
+    # Periods over which the residual is averaged; 1: none. A coarse encoder's noise is that of a second derivative: the
+    # average of four leaves a quarter of it for 1.5 periods of lag.
     averaged: int = 1
     # Of the joints, as identified.
     friction: JointFrictionParameters = field(default_factory=JointFrictionParameters)
@@ -133,7 +133,8 @@ class MomentumObserver(LeafSystem):
     delay that is not told appears as external torque wherever the torque changes: half a period of 5 ms with a gain of
     100 1/s as a fifth of each change.
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
-    no delay: r at a sample uses the momentum of that sample, but for the average over the last ones. A mistake of model or friction appears as external torque.
+    no delay but that of the average: r at a sample uses the momentum of that sample. A mistake of model or friction
+    appears as external torque.
     Identified friction acts beside the torque: `JointFriction`, from the measured way of the joints.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """

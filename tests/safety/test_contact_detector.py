@@ -168,7 +168,7 @@ def test_threshold_of_the_wrong_size():
 
 
 def test_a_residual_that_drops_is_released_above_the_release_level():
-    bench = detector(joint(6.0))
+    bench = detector(6.0)
     bench.run(10)
     bench.run(20, torque_external=joint(0.8))
     assert bench.read("contact") == 0.0

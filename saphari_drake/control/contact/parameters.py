@@ -79,8 +79,8 @@ class ContactForceControlParameters:
     # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
     # Assumed.
     follow_limit: float = 0.2
-    # N, s, s; an estimate that falls this far below its mean over the first time tells that the hand has left: the robot
-    # brakes for the second. Friction of its own motion can look like a force that stays, and no gate would close. Assumed.
+    # N, s, s; an estimate that falls this far below its mean over the first time tells that the hand has left: the
+    # robot brakes for the second. Friction of its own motion can look like a force that stays. Assumed.
     drop_limit: float = 6.0
     drop_time: float = 0.1
     leave_time: float = 0.3
