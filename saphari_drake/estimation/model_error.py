@@ -31,6 +31,8 @@ class ModelErrorParameters:
     tool_offset: float = 0.1
     # Nm (N), constant torque of each joint that no model explains; one value or one a joint.
     offset: list[float] | float = 0.3
+    # Nm (N); what friction at rest may hide of each joint is not learned: as a correction it would only shift friction.
+    stiction: list[float] | float = 0.0
     # s; within which offsets may change, and what is known already is learned anew.
     drift_time: float = 20.0
     # Nm (N), standard deviation of the residual from cycle to cycle; from then on it is measured.
@@ -54,7 +56,7 @@ class ModelErrorParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_non_negative(self, "mass", "tool_mass", "tool_offset", "offset", "inertia")
+        require_non_negative(self, "mass", "tool_mass", "tool_offset", "offset", "stiction", "inertia")
         require_positive(
             self, "drift_time", "noise", "noise_time", "noise_limit", "multiple", "start_time", "suspicion",
             "still_speed", "quiet_time", "period",
@@ -143,6 +145,7 @@ class ModelErrorEstimator(LeafSystem):
         self._params, self._tree, n = params or ModelErrorParameters(), robot.tree, robot.n
         p = self._params
         noise, offset, K_I = diagonal(p.noise, n, "noise"), diagonal(p.offset, n, "offset"), diagonal(gain, n, "gain")
+        self._stiction = diagonal(p.stiction, n, "stiction")
         self._gain = discrete_gain(K_I, p.period)
         start = prior(n, p.mass, p.tool_mass, p.tool_offset, offset)
         self._limits = p.multiple * np.sqrt(np.diag(start.covariance))
@@ -228,7 +231,8 @@ class ModelErrorEstimator(LeafSystem):
         status = LearningStatus.MOVING if moving and not touched else LearningStatus.TOUCHED
         learning = quiet >= p.quiet_time
         if learning:
-            learned = self._learn(learned, before.lagged, r, before.time)
+            hidden = np.clip(now.error, -self._stiction, self._stiction)
+            learned = self._learn(learned, before.lagged, r - hidden, before.time)
             status = LearningStatus.LIMITED if learned.limited else LearningStatus.LEARNING
         p_lagged = before.p_lagged if before.started else terms.p
         return _Memory(

@@ -29,13 +29,16 @@ class MomentumObserverParameters:
     torque_delay: float = 0.0
     # By how many periods the measured velocity is late: 0 for a sample, 0.5 for a difference of two positions.
     velocity_delay: float = 0.0
+    # Periods over which the residual is averaged; 1: none. A coarse encoder's noise is that of a second derivative: the
+    # average of four leaves a quarter of it for 1.5 periods of lag.
+    averaged: int = 1
     # Of the joints, as identified.
     friction: JointFrictionParameters = field(default_factory=JointFrictionParameters)
     # s; the period with which the measured state is sampled.
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "period")
+        require_positive(self, "gain", "averaged", "period")
         require_non_negative(self, "velocity_delay")
         if not 0.0 <= self.delay < np.inf:
             raise ParameterError("torque_delay", f"with velocity_delay must not be negative, got {self.delay} periods")
@@ -44,6 +47,11 @@ class MomentumObserverParameters:
     def delay(self) -> float:
         """By how many periods the torque is ahead of the velocity."""
         return self.torque_delay / self.period + self.velocity_delay
+
+    @property
+    def bandwidth(self) -> NDArray[np.float64]:
+        """The gain (1/s) of a residual that lags as much without an average."""
+        return 1.0 / (1.0 / np.asarray(self.gain, dtype=float) + 0.5 * (self.averaged - 1) * self.period)
 
 
 def discrete_gain(gain: Array, period: float) -> Array:
@@ -91,6 +99,7 @@ def delayed(torques: Array, cycles: float) -> Array:
 
 class _Estimate(NamedTuple):
     r: Array
+    averaged: Array
     integral: Array  # σ
 
 
@@ -107,6 +116,7 @@ class MomentumObserver(LeafSystem):
         - torque_external
         - system_status
         - friction_uncertainty
+        - friction_torque
 
     Ports
     -----
@@ -117,12 +127,14 @@ class MomentumObserver(LeafSystem):
     system_status : 1, a `SystemStatus`.
     friction_uncertainty : n (Nm), by how much the identified friction may be wrong; all of it, where a joint has not
         moved yet.
+    friction_torque : n (Nm), what the identified friction does to the joints.
 
     The velocity may be late too: then σ is integrated with the torque up to the time of which the velocity tells. A
     delay that is not told appears as external torque wherever the torque changes: half a period of 5 ms with a gain of
     100 1/s as a fifth of each change.
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
-    no delay: r at a sample uses the momentum of that sample. A mistake of model or friction appears as external torque.
+    no delay but that of the average: r at a sample uses the momentum of that sample. A mistake of model or friction
+    appears as external torque.
     Identified friction acts beside the torque: `JointFriction`, from the measured way of the joints.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """
@@ -143,24 +155,39 @@ class MomentumObserver(LeafSystem):
         self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first
         self._known = self.DeclareDiscreteState(1)  # how many
         self._started = self.DeclareDiscreteState(1)
+        self._recent = self.DeclareDiscreteState((params.averaged - 1) * robot.n)  # residuals before, the newest first
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        start = _Estimate(np.zeros(robot.n), terms.p)
+        start = _Estimate(np.zeros(robot.n), np.zeros(robot.n), terms.p)
         tickets = {self._dynamics.ticket(), self.xd_ticket()}
         self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
-        readouts = {"torque_external": (robot.n, lambda e: e.r), "system_status": (1, lambda e: [status_of(e.r)])}
+        readouts = {
+            "torque_external": (robot.n, lambda e: e.averaged),
+            "system_status": (1, lambda e: [status_of(e.averaged)]),
+        }
         declare_readouts(self, self._estimate, readouts)
         unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
         declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
+        rubbing = declare_cache(self, "rubbing", start.r, self._rubbing, tickets)
+        declare_readouts(self, rubbing, {"friction_torque": (robot.n, lambda torque: torque)})
 
     def _evaluate(self, context: Context) -> _Estimate:
         terms: DynamicsTerms = self._dynamics.Eval(context)
         # Before the first update σ = p: the residual starts at zero whatever the initial momentum is.
         started = context.get_discrete_state(self._started).value()[0] == 1.0
         integral = np.array(context.get_discrete_state(self._integral).value()) if started else terms.p
-        return _Estimate(residual(terms.p, integral, self._gain), integral)
+        r = residual(terms.p, integral, self._gain)
+        return _Estimate(r, np.mean(self._latest(context, r), axis=0), integral)
+
+    def _latest(self, context: Context, r: Array) -> Array:
+        """Return all residuals of the average (k, n), the newest first."""
+        return np.vstack([r, context.get_discrete_state(self._recent).value().reshape(-1, len(r))])
 
     def _unsure(self, context: Context) -> Array:
         return self._friction.uncertainty(context.get_discrete_state(self._share).value())
+
+    def _rubbing(self, context: Context) -> Array:
+        share, v = context.get_discrete_state(self._share).value(), self._dynamics.Eval(context).v
+        return self._friction.torque(share, v)
 
     def _update(self, context: Context, state: State) -> None:
         now: _Estimate = self._estimate.Eval(context)
@@ -181,6 +208,8 @@ class MomentumObserver(LeafSystem):
         state.get_mutable_discrete_state(self._known).SetFromVector([len(kept)])
         state.get_mutable_discrete_state(self._integral).SetFromVector(integral if known else np.zeros(len(torque)))
         state.get_mutable_discrete_state(self._started).SetFromVector([float(known)])
+        recent = self._latest(context, now.r)[:-1].ravel()
+        state.get_mutable_discrete_state(self._recent).SetFromVector(recent if known else np.zeros(len(recent)))
 
 
 def _padded(rows: Array, count: int) -> Array:

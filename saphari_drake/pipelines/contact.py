@@ -54,7 +54,7 @@ class ContactPipelineParameters:
         require_positive(self, "period")
         share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
-            check_hand(self.controller, float(np.min(self.observer.gain)))
+            check_hand(self.controller, float(np.min(self.observer.bandwidth)))
 
 
 class ContactMeasurements(NamedTuple):
@@ -119,7 +119,10 @@ def add_contact_pipeline(
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        model_error=add("model_error", ModelErrorEstimator(robot, params.model_error, params.observer.gain)),
+        model_error=add(
+            "model_error",
+            ModelErrorEstimator(robot, _model_error(robot, params), list(params.observer.bandwidth * np.ones(robot.n))),
+        ),
         detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
@@ -148,6 +151,7 @@ def add_contact_pipeline(
         (p.dynamics, "dynamics", p.observer, p.model_error),
         (p.observer, "torque_external", p.model_error),
         (p.observer, "friction_uncertainty", p.force),
+        (p.observer, "friction_torque", p.controller),
         # The model corrected by what was learned, from here on.
         (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
         (p.model_error, "torque_external", p.detector, p.force, p.localizer),
@@ -175,6 +179,13 @@ def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDe
     own = diagonal(params.detector.threshold, n, "threshold")
     threshold = own + friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
     return replace(params.detector, threshold=threshold.tolist())
+
+
+def _model_error(robot: RobotModel, params: ContactPipelineParameters) -> ModelErrorParameters:
+    """Return its parameters; at rest friction is anywhere between both directions, whatever the observer remembers."""
+    dry = 2.0 * diagonal(params.observer.friction.coulomb, robot.n, "coulomb")
+    own = diagonal(params.model_error.stiction, robot.n, "stiction")
+    return replace(params.model_error, stiction=np.maximum(own, dry).tolist())
 
 
 def _controller(

@@ -28,12 +28,16 @@ class ContactDetectorParameters:
     release_ratio: float = 0.5
     # s; how long it must stay there.
     release_time: float = 0.05
+    # Below the threshold itself, and this share of what it was within `drop_time` (s), it counts as released too: what
+    # is left then is friction of the arm's own motion. Assumed.
+    drop_share: float = 0.25
+    drop_time: float = 0.2
     # s; the control cycle.
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_positive(self, "threshold", "noise_multiple", "period")
-        require_non_negative(self, "noise", "release_time")
+        require_positive(self, "threshold", "noise_multiple", "drop_time", "period")
+        require_non_negative(self, "noise", "release_time", "drop_share")
         if not 0.0 < self.release_ratio < 1.0:
             raise ParameterError("release_ratio", f"must lie between 0 and 1, got {self.release_ratio}")
 
@@ -68,8 +72,8 @@ class ContactDetector(LeafSystem):
     system_status : 1, a `SystemStatus`.
 
     Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
-    stayed below the release ratio for the release time. The residual's size is the trigger; which link it is comes from
-    vision.
+    stayed below the release ratio, or dropped, for the release time. The residual's size is the trigger;
+    which link it is comes from vision.
     """
 
     def __init__(self, num_joints: int, params: ContactDetectorParameters | None = None) -> None:
@@ -81,8 +85,8 @@ class ContactDetector(LeafSystem):
             self.DeclareVectorInputPort(name, BasicVector(num_joints))
             for name in ("torque_external", "torque_uncertainty", "torque_noise")
         )
-        # Time left until release (s); 0 when not touched.
-        self._remaining = self.DeclareDiscreteState(1)
+        # Time left until release (s), 0 when not touched, and the largest ratio of late, which fades.
+        self._remaining = self.DeclareDiscreteState(2)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
         self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self.all_input_ports_ticket()})
         readouts = {"ratio": (1, lambda ratio: [ratio]), "system_status": (1, lambda ratio: [status_of(ratio)])}
@@ -105,9 +109,12 @@ class ContactDetector(LeafSystem):
 
     def _update(self, context: Context, state: State) -> None:
         params, ratio = self._params, self._ratio.Eval(context)
-        remaining = context.get_discrete_state(self._remaining).value()[0]
-        if not ratio < 1.0 or (remaining > 0.0 and ratio >= params.release_ratio):
+        remaining, largest = context.get_discrete_state(self._remaining).value()
+        released = ratio < max(params.release_ratio, min(params.drop_share * largest, 1.0))
+        if not ratio < 1.0 or (remaining > 0.0 and not released):
             remaining = max(params.release_time, params.period)
         else:
             remaining = max(0.0, remaining - params.period)
-        state.get_mutable_discrete_state(self._remaining).SetFromVector([remaining])
+        faded = largest * float(np.exp(-params.period / params.drop_time))
+        largest = max(ratio, faded) if np.isfinite(ratio) else faded
+        state.get_mutable_discrete_state(self._remaining).SetFromVector([remaining, largest])

@@ -165,3 +165,10 @@ def test_bad_parameters(name, value):
 def test_threshold_of_the_wrong_size():
     with pytest.raises(ParameterError, match="threshold: needs 1 or 7 entries"):
         ContactDetector(7, ContactDetectorParameters(threshold=[1.0, 1.0]))
+
+
+def test_a_residual_that_drops_is_released_above_the_release_level():
+    bench = detector(6.0)
+    bench.run(10)
+    bench.run(20, torque_external=joint(0.8))
+    assert bench.read("contact") == 0.0

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from experiments.contact.known import adapt_to_encoders, adapt_to_friction
 from experiments.joint_state import own_joint_state
 from saphari_drake.parameters import share_period
 from saphari_drake.perception.camera.model import CameraParameters
@@ -98,7 +99,10 @@ def add_contact_cell(
     background = learn_background(robot, params)
     params.__post_init__()
     params.pipeline.localizer.frozen_frames = 2 if params.sampler.noise.enabled else 0
-    joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(params.joint_sensor)))
+    encoders = truth.joint_sensor(params.joint_sensor)
+    adapt_to_encoders(params.pipeline, robot, encoders)
+    adapt_to_friction(params.pipeline, robot, encoders)
+    joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, encoders))
     builder.Connect(cell.robot_state, joints.GetInputPort("state"))
     ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")
     position, velocity, image, time = (

@@ -122,7 +122,7 @@ def expected_drift(log: Log, robot: RobotModel, drift: Drift, params: ContactFor
 def judged(setup: ContactSetup, log: Log) -> list[Metric]:
     """Return the metrics of the contract, and those that explain them."""
     robot, pipeline = setup.robot, setup.scenario.system.pipeline
-    control, K_I = pipeline.controller, float(np.min(pipeline.observer.gain))
+    control, K_I = pipeline.controller, float(np.min(pipeline.observer.bandwidth))
     touches = find_touches(log, robot, setup.pushes)
     speed = np.linalg.norm(true_velocity(log, robot), axis=1)
     metrics = (

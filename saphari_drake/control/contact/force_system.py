@@ -47,6 +47,7 @@ class ContactForceController(ContactController):
         - interaction
         - contact_force
         - misfit
+        - friction_torque
         - unobservable_directions
         - transition_left
         output_ports:
@@ -63,7 +64,7 @@ class ContactForceController(ContactController):
 
     Ports
     -----
-    dynamics, interaction, contact_force, misfit : as of `ContactImpedanceController`.
+    dynamics, interaction, contact_force, misfit, friction_torque : as of `ContactImpedanceController`.
     unobservable_directions : 9, from `ContactForceEstimator`; no force is asked for along them.
     transition_left : n (Nm), from `CommandSwitch`, for the look ahead of the speed stop; optional, default: zero.
     torque_commanded, torque_terms, system_status, contact_position, selection : as of `ContactImpedanceController`.
@@ -121,10 +122,14 @@ class ContactForceController(ContactController):
             gate = gate.following(point.v_WC, F_d, params)
             gate = gate.checked(point.v_WC, acceleration if goes_on else np.zeros(3), params)
             status = ForceStatus.PARTIAL if np.any(hidden) else ForceStatus.CONTROLLED
+            parts = self._rubbing(context, parts)
             output = idle._replace(terms=parts, error=F - F_d, F_d=F_d, status=status, gate=gate)
         if not gate.open:
             status = gate.status(mode)
-            output = idle._replace(status=status, gate=gate, selection=replace(idle.selection, mode=_MODES[status]))
+            # Released, the arm rests where it is, and does not go back to where it was stopped.
+            key = (*idle.selection.key, int(status == ForceStatus.RELEASED))
+            selection = replace(idle.selection, mode=_MODES[status], key=key)
+            output = idle._replace(status=status, gate=gate, selection=selection)
         return output
 
     def _update(self, context: Context, state: State) -> None:

@@ -47,26 +47,32 @@ class ForceGate(Immutable):
     stopped: bool = False
     stop_velocity: Array = field(default_factory=lambda: np.zeros(3))
     followed: float = 0.0  # m; how far the contact has gone against the desired force since the gate opened
+    held: float = 0.0  # N; mean estimate over the drop time
+    leaving: float = 0.0  # s; for which the gate stays closed, as the hand has left
 
     def after(self, mode: InteractionMode, force: float, params: ContactForceControlParameters) -> Self:
         """Return the gate of the next cycle, with the estimated force of size `force` (N).
 
         The desired size starts from the estimate, goes to its final value at the force rate, and never exceeds the
-        estimate by more than the largest deficit.
+        estimate by more than the largest deficit. An estimate that drops closes the gate for the leave time.
         """
         if mode in (InteractionMode.HOLD, InteractionMode.RETURN):
             return type(self)()
         # A force that is not a number closes the gate.
         threshold = params.gate_off if self.open else params.gate_on
-        if mode != InteractionMode.CONTACT or self.stopped or not force > threshold:
-            return replace(self, open=False, size=0.0)
+        leaving = max(self.leaving - params.period, 0.0)
+        if self.open and self.held - force > params.drop_limit:
+            leaving = params.leave_time
+        if mode != InteractionMode.CONTACT or self.stopped or leaving > 0.0 or not force > threshold:
+            return replace(self, open=False, size=0.0, leaving=leaving)
         if not self.open:
-            self = replace(self, followed=0.0)
+            self = replace(self, followed=0.0, held=force)
+        held = self.held + min(params.period / params.drop_time, 1.0) * (force - self.held)
         size = params.desired_force
         if params.force_rate > 0.0:
             start, step = (self.size, params.force_rate * params.period) if self.open else (force, 0.0)
             size = start + float(np.clip(size - start, -step, step))
-        return replace(self, open=True, size=min(size, force + params.max_deficit))
+        return replace(self, open=True, size=min(size, force + params.max_deficit), held=held, leaving=0.0)
 
     def checked(self, velocity: Array, acceleration: Array, params: ContactForceControlParameters) -> Self:
         """Return the gate, stopped if velocity and acceleration (3,) of the contact bring it near the speed limit."""

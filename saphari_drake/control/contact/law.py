@@ -22,6 +22,7 @@ class TorqueTerms(NamedTuple):
     null_space: Array
     coriolis: Array
     gravity: Array
+    friction: Array
 
     def total(self) -> Array:
         """Return the sum of all parts."""
@@ -62,6 +63,7 @@ def contact_impedance_torque(
     F: Array,
     misfit: Array,
     gains: ImpedanceGains,
+    touched: bool = True,
 ) -> TorqueTerms:
     """Return the torque of the contact impedance, eq. (61), with the misfit compensated.
 
@@ -69,7 +71,9 @@ def contact_impedance_torque(
     With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
 
-    Added: `misfit_torque`; a large M_d turns the misfit into a wrong deflection.
+    Added: `misfit_torque`; a large M_d turns the misfit into a wrong deflection. Where nobody touches any more, the
+    residual is friction and what the model lacks: with a desired inertia all of it is cancelled and nothing shaped, so
+    that the contact returns to where it was.
 
     Parameters
     ----------
@@ -83,6 +87,8 @@ def contact_impedance_torque(
         r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
     gains :
         Gains; see `ImpedanceGains`.
+    touched : bool
+        Whether the person touches; false on the way back.
     """
     J = point.Jv_WC
     Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
@@ -95,10 +101,11 @@ def contact_impedance_torque(
     else:
         shaping = Lambda @ gains.M_d_inv
         task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
-        force = J.T @ (shaping @ F - F)
-    compensation = misfit_torque(misfit, F, gains.misfit_lever)
+        force = J.T @ (shaping @ F - F) if touched else -J.T @ F
+    shaped_return = gains.M_d_inv is not None and not touched
+    compensation = -misfit if shaped_return else misfit_torque(misfit, F, gains.misfit_lever)
     null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
-    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g)
+    return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g, 0.0 * terms.g)
 
 
 class ForceGains(NamedTuple):
@@ -157,6 +164,7 @@ def contact_force_torque(
             -terms.M @ (P_c @ (gains.K_N * terms.v)),
             terms.Cv,
             terms.g,
+            0.0 * terms.g,
         ),
         acceleration,
     )

@@ -29,6 +29,8 @@ class ContactImpedanceParameters:
     # m; the part of the residual that the estimated force does not explain is compensated up to this lever arm times
     # that force, which is what a contact point wrong by as much explains. 0: none, as published. Assumed.
     misfit_lever: float = 0.03
+    # Share of the identified friction that is compensated; below 1, lest a joint be driven by a mistake. Assumed.
+    friction_share: float = 0.9
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
     # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
@@ -77,10 +79,17 @@ class ContactForceControlParameters:
     # m; the contact follows a hand that leaves no farther: then nobody is there, and the robot stops as for speed.
     # Assumed.
     follow_limit: float = 0.2
+    # N, s, s; an estimate that falls this far below its mean over the first time tells that the hand has left: the
+    # robot brakes for the second. Friction of its own motion can look like a force that stays. Assumed.
+    drop_limit: float = 6.0
+    drop_time: float = 0.1
+    leave_time: float = 0.3
     # s; how much later than it is commanded a torque acts; the stop looks ahead farther by as much.
     torque_delay: float = 0.0
     # m; bound of the compensated misfit, as in `ContactImpedanceParameters`. Assumed.
     misfit_lever: float = 0.03
+    # Share of the identified friction that is compensated; below 1, lest a joint be driven by a mistake. Assumed.
+    friction_share: float = 0.9
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
     # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
@@ -98,8 +107,8 @@ class ContactForceControlParameters:
         if np.shape(self.fixed_force) != (3,) or not np.all(np.isfinite(self.fixed_force)):
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
         require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
-        require_positive(self, "follow_limit")
-        require_non_negative(self, "torque_delay", "force_rate", "hand_stiffness", "hand_damping")
+        require_positive(self, "follow_limit", "drop_limit", "drop_time")
+        require_non_negative(self, "leave_time", "torque_delay", "force_rate", "hand_stiffness", "hand_damping")
         if not 0.0 < self.stop_share <= 1.0:
             raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
         if self.gate_off >= self.gate_on:
@@ -112,5 +121,5 @@ def _check_gains(params: ContactImpedanceParameters | ContactForceControlParamet
     diagonal(params.K_N, np.size(params.K_N), "K_N")
     if len(params.M_d):
         positive_definite(params.M_d, 3, "M_d")
-    require_non_negative(params, "misfit_lever", "least_effective_mass")
+    require_non_negative(params, "misfit_lever", "friction_share", "least_effective_mass")
     require_positive(params, "max_effective_mass", "period")

@@ -73,6 +73,10 @@ class ContactController(LeafSystem):
         self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
         self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
         self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(n))
+        self._friction, self._compensated = (
+            self.DeclareVectorInputPort("friction_torque", BasicVector(n)),
+            params.friction_share,
+        )
         start = ContactOutput(_weight(terms), Selection(), none, none, none, none)
         tickets = {self.all_input_ports_ticket(), self.all_state_ticket()}
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
@@ -100,6 +104,12 @@ class ContactController(LeafSystem):
             idle = idle._replace(p_WC=point.p_WC, v_WC=point.v_WC)
         return self._answer(context, point, idle)
 
+    def _rubbing(self, context: Context, terms: law.TorqueTerms) -> law.TorqueTerms:
+        """Return the terms with friction compensated."""
+        if not self._friction.HasValue(context):
+            return terms
+        return terms._replace(friction=-self._compensated * self._friction.Eval(context))
+
     def _unknown(self, idle: ContactOutput) -> ContactOutput:
         """Return the output while an input is not finite."""
         return idle._replace(terms=law.TorqueTerms(*np.full((len(idle.terms), self._robot.n), np.nan)))
@@ -111,7 +121,7 @@ class ContactController(LeafSystem):
 
 def _weight(terms: DynamicsTerms) -> law.TorqueTerms:
     zero = 0.0 * terms.g
-    return law.TorqueTerms(zero, zero, zero, zero, terms.Cv, terms.g)
+    return law.TorqueTerms(zero, zero, zero, zero, terms.Cv, terms.g, zero)
 
 
 class ContactImpedanceController(ContactController):
@@ -125,6 +135,7 @@ class ContactImpedanceController(ContactController):
         - interaction
         - contact_force
         - misfit
+        - friction_torque
         output_ports:
         - torque_commanded
         - torque_terms
@@ -139,8 +150,9 @@ class ContactImpedanceController(ContactController):
     interaction : abstract `Interaction`, from `ContactMonitor`.
     contact_force : 3 (N, world), from `ContactForceEstimator`; with the natural inertia, bounds the misfit only.
     misfit : n (Nm), from `ContactForceEstimator`.
+    friction_torque : n (Nm), from `MomentumObserver`, compensated during contact and return; optional, default: zero.
     torque_commanded : n (Nm), without limits; NaN while an input that it needs is not finite.
-    torque_terms : 6n (Nm), the parts of `TorqueTerms` one after the other; their sum is the command.
+    torque_terms : 7n (Nm), the parts of `TorqueTerms` one after the other; their sum is the command.
     system_status : 1, a `SystemStatus`.
     contact_position : 3 (m, world), the controlled contact point; zero without one.
     position_error : 3 (m, world), x_d − x_c during contact and return, else zero.
@@ -165,5 +177,6 @@ class ContactImpedanceController(ContactController):
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)
         p_desired = self._robot.kinematics(now.q_latched).position(now.contact.link, now.contact.p_LC)
-        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains)
-        return idle._replace(terms=parts, error=p_desired - point.p_WC)
+        touched = now.mode == InteractionMode.CONTACT
+        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains, touched)
+        return idle._replace(terms=self._rubbing(context, parts), error=p_desired - point.p_WC)

@@ -139,7 +139,7 @@ def test_change_of_law_makes_no_jump_and_fades(lwr4, before, after):
 
 
 def test_gate_makes_no_jump(lwr4):
-    bench = Controlled(lwr4)
+    bench = Controlled(lwr4, leave_time=0.0)
     bench.run(3, interaction=bench.mode(CONTACT), contact_force=0.3 * STRONG)
     for force in (STRONG, 0.1 * STRONG, STRONG):
         torque = bench.read("torque_applied")

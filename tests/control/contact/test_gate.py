@@ -85,3 +85,15 @@ def test_the_stop_looks_ahead_farther_by_the_delay_of_the_torque():
     v, a, gate = np.array([0.1, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]), ForceGate(open=True)
     assert not gate.checked(v, a, now).stopped
     assert gate.checked(v, a, later).stopped
+
+
+def test_a_force_that_drops_closes_the_gate_for_the_leave_time():
+    """A force of 8 N is above the gate; after 15 N it is friction of the arm's own motion."""
+    params = ContactForceControlParameters()
+    gate = ForceGate()
+    for force in [15.0] * 40 + [8.0]:
+        gate = gate.after(InteractionMode.CONTACT, force, params)
+    assert not gate.open
+    for _ in range(round(params.leave_time / params.period)):
+        gate = gate.after(InteractionMode.CONTACT, 8.0, params)
+    assert gate.open
