@@ -101,7 +101,7 @@ def add_contact_cell(
     params.pipeline.localizer.frozen_frames = 2 if params.sampler.noise.enabled else 0
     encoders = truth.joint_sensor(params.joint_sensor)
     adapt_to_encoders(params.pipeline, robot, encoders)
-    adapt_to_friction(params.pipeline, robot, encoders)
+    adapt_to_friction(params.pipeline, encoders)
     joints = builder.AddNamedSystem("joint_sensor", JointSensor(robot, encoders))
     builder.Connect(cell.robot_state, joints.GetInputPort("state"))
     ports = ("position_measured", "velocity_measured"), ("depth_image", "image_time")

@@ -1,11 +1,10 @@
-"""What is known of an arm's encoders and friction, turned into parameters of the contact pipeline."""
+"""What is known of an arm's encoders, turned into parameters of the contact pipeline."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.estimation.joint_friction import JointFrictionParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserverParameters, discrete_gain
 from saphari_drake.parameters import diagonal
 from saphari_drake.pipelines.contact import ContactPipelineParameters
@@ -39,9 +38,7 @@ def adapt_to_encoders(pipeline: ContactPipelineParameters, robot: RobotModel, se
     observer.averaged = max(observer.averaged, min(periods, MOST_AVERAGED))
 
 
-def adapt_to_friction(pipeline: ContactPipelineParameters, robot: RobotModel, sensor: JointSensorParameters) -> None:
-    """Tell the observer the friction that was identified, if any."""
-    known = robot.friction
-    if np.any(known.coulomb) or np.any(known.viscous):
-        turn = max(JointFrictionParameters().turn, TURN_STEPS * sensor.position_resolution)
-        pipeline.observer.friction = JointFrictionParameters(known.coulomb.tolist(), known.viscous.tolist(), turn)
+def adapt_to_friction(pipeline: ContactPipelineParameters, sensor: JointSensorParameters) -> None:
+    """Let known friction turn round over what the encoders can tell."""
+    friction = pipeline.observer.friction
+    friction.turn = max(friction.turn, TURN_STEPS * sensor.position_resolution)

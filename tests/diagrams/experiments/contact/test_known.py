@@ -4,7 +4,6 @@ import numpy as np
 from experiments.contact.known import adapt_to_encoders, adapt_to_friction
 
 from saphari_drake.pipelines.contact import ContactPipelineParameters
-from saphari_drake.robots.corrections import RobotCorrections, corrected
 from saphari_drake.simulation.sensors.joint_sensor import JointSensorParameters
 
 
@@ -17,9 +16,9 @@ def test_coarse_encoders_are_averaged_and_fine_ones_are_not(lwr4):
     assert found[0] == 1 < found[1]
 
 
-def test_the_observer_is_told_friction_that_was_identified(lwr4):
+def test_friction_turns_round_over_ten_steps_of_coarse_encoders():
     pipeline = ContactPipelineParameters()
-    adapt_to_friction(pipeline, lwr4, JointSensorParameters())
-    assert pipeline.observer.friction.coulomb == 0.0
-    adapt_to_friction(pipeline, corrected(lwr4, RobotCorrections(coulomb=[0.3] * 7)), JointSensorParameters())
-    assert pipeline.observer.friction.coulomb == [0.3] * 7
+    adapt_to_friction(pipeline, JointSensorParameters())
+    assert pipeline.observer.friction.turn == 1e-4
+    adapt_to_friction(pipeline, JointSensorParameters(position_resolution=2e-4))
+    assert pipeline.observer.friction.turn == 2e-3
