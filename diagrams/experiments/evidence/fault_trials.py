@@ -17,7 +17,7 @@ from saphari_drake.simulation.faults.registry import FAULTS
 TRIALS = (
     ("contact_impedance", "natural", 4.0),
     ("nmpc_manipulator", "both", 3.0),
-    ("skin_hand_guiding", "recorded", 0.0),
+    ("null_space_wall", "momentum", 0.0),
 )
 SOON = 0.1  # s
 BAD_INPUT = 2  # exit status: the case does not have what the fault acts on
