@@ -39,13 +39,13 @@ class ContactAloneScenario(ContactScenario):
 
 def scenario_for(case: str) -> ContactAloneScenario:
     """Return the scenario of a case."""
-    scenario = ContactAloneScenario(case=case, duration=60.0, plant="realistic")
+    scenario = ContactAloneScenario(case=case, duration=20.0, plant="realistic")
     scenario.realistic = PlantProfile(mass_error=0.05, payload=0.0 if case == "links" else 0.5)
     scenario.system.camera.renderer = "raycast"
     # The hand waits beside the arm, and never comes.
     scenario.pushes = [Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 1e6, 1.0)]
     if case == "blind":
-        scenario.duration, scenario.faults, scenario.fault_time = 20.0, ["camera_dropout"], 2.0
+        scenario.duration, scenario.faults, scenario.fault_time = 12.0, ["camera_dropout"], 2.0
     return scenario
 
 

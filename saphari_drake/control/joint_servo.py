@@ -25,12 +25,17 @@ class JointServoParameters:
     gain: float = 150.0
     # 0 … 1, share of the commanded acceleration, the change of command over a cycle, that is fed forward.
     feedforward: float = 1.0
+    # 1/s², on the velocity error's integral, so that friction and a wrong model do not hold a joint back; a quarter of
+    # the gain's square damps critically. 0: none.
+    integral_gain: float = 0.0
+    # rad or m; largest integral.
+    integral_limit: float = 0.02
     # s; the control cycle.
     period: float = 0.001
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "period")
-        require_non_negative(self, "feedforward")
+        require_positive(self, "gain", "integral_limit", "period")
+        require_non_negative(self, "feedforward", "integral_gain")
 
 
 def servo_torque(terms: DynamicsTerms, v_desired: Array, a_desired: Array, gain: float) -> Array:
@@ -59,6 +64,7 @@ class _Output(NamedTuple):
 @dataclass(frozen=True)
 class _Memory(Immutable):
     gravity: Array  # at the last known state
+    integral: Array  # rad or m, of the velocity error
     command: Array | None = None  # of the cycle before
 
 
@@ -86,8 +92,9 @@ class JointVelocityServo(LeafSystem):
     system_status : 1, a `SystemStatus`. BAD_INPUT while the command is not finite: the joints are braked. BRAKES_ON
         while the state is not known: the gravity torque of the last known one is left, at the start that at home.
 
-    The law is `servo_torque`. State: the command of the cycle before, for the acceleration fed forward; none is in the
-    first cycle, so that a command that does not start at zero is approached with the gain alone.
+    The law is `servo_torque`, with the integral of the velocity error in the desired acceleration. State: that
+    integral, nothing after an input that was not finite; and the command of the cycle before, for the acceleration fed forward;
+    none is in the first cycle, so that a command that does not start at zero is approached with the gain alone.
     """
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
@@ -96,7 +103,7 @@ class JointVelocityServo(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, zero)
         self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g)))
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g, zero)))
         start = _Output(terms.g, zero, SystemStatus.OK)
         tickets = {self.all_input_ports_ticket(), self.abstract_state_ticket(self._memory)}
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
@@ -121,11 +128,18 @@ class JointVelocityServo(LeafSystem):
         v_desired = v_desired if status == SystemStatus.OK else zero
         before = v_desired if status != SystemStatus.OK or before is None else before
         a_desired = self._params.feedforward * (v_desired - before) / self._params.period
+        a_desired = a_desired + self._params.integral_gain * memory.integral
         torque = servo_torque(terms, v_desired, a_desired, self._params.gain)
         return _Output(torque, v_desired - terms.v, status)
 
     def _update(self, context: Context, state: State) -> None:
         terms, command = self._dynamics.Eval(context), np.array(self._command.Eval(context))
-        gravity = terms.g if terms.finite else self._remembered(context).gravity
-        memory = _Memory(gravity, command if status_of(command) == SystemStatus.OK else None)
+        before, p = self._remembered(context), self._params
+        known = terms.finite and status_of(command) == SystemStatus.OK
+        integral = 0.0 * before.integral
+        if known:
+            wanted = before.integral + p.period * (command - terms.v)
+            integral = np.clip(wanted, -p.integral_limit, p.integral_limit)
+        gravity = terms.g if terms.finite else before.gravity
+        memory = _Memory(gravity, integral, command if status_of(command) == SystemStatus.OK else None)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -1,8 +1,8 @@
 """Wall time of what stands between a controller and the robot, on one pinned thread, each at 1 ms.
 
-The joint envelope (torques, with DAQP on the same quadratic programs as its peer), the velocity envelope, and the
-verified stop with 4 to 48 points of people around the arm, half of them near enough to matter. Commands are such that
-limits are active; states lie all over the envelope.
+The joint envelope (torques, with DAQP and ProxQP on the same quadratic programs as its peers), the velocity envelope,
+and the verified stop with 4 to 48 points of people around the arm, half of them near enough to matter. Commands are
+such that limits are active; states lie all over the envelope.
 
 Run: python tests/benchmarks/benchmark_safety.py [--json FILE]
 """
@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import daqp  # noqa: E402
 import numpy as np  # noqa: E402
+import proxsuite  # noqa: E402
 from bench import Timings, benchmark_options  # noqa: E402
 
 from saphari_drake.robots import catalog  # noqa: E402
@@ -51,9 +52,10 @@ def main() -> None:
         print(f"{name:38}" + "".join(f"{1e3 * np.percentile(seconds, s):10.4f}" for s in (50, 95, 99)) + f"  {note}")
 
     arm, platform = catalog.lwr4(), catalog.omnirob()
-    own, peer = torque_envelope(arm)
+    own, daqp_seconds, proxqp_seconds = torque_envelope(arm)
     row("joint envelope, 7 joints", own, LIMIT_MS, "joint envelope, DAQP")
-    row("joint envelope, DAQP", peer, note="the quadratic program alone")
+    row("joint envelope, DAQP", daqp_seconds, note="the quadratic program alone")
+    row("joint envelope, ProxQP", proxqp_seconds, note="the quadratic program alone")
     for robot in (arm, platform):
         row(f"velocity envelope, {robot.n} joints", velocity_envelope(robot), LIMIT_MS)
     for robot, count in ((arm, 4), (arm, 16), (arm, 48), (platform, 16)):
@@ -78,9 +80,11 @@ def states(robot: RobotModel, seed: int):
         yield rng, rng.uniform(low, high), 0.5 * robot.v_max * rng.uniform(-1.0, 1.0, robot.n)
 
 
-def torque_envelope(robot: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of the torque envelope, and of DAQP for its quadratic program."""
-    e, n, own, peer = envelope_of(robot, JointEnvelopeParameters()), robot.n, [], []
+def torque_envelope(robot: RobotModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the times of the torque envelope, and of DAQP and ProxQP for its quadratic program."""
+    e, n, own, peer, other = envelope_of(robot, JointEnvelopeParameters()), robot.n, [], [], []
+    proxqp = proxsuite.proxqp.dense.QP(n, 0, 2 * n)
+    proxqp.init(np.eye(n), np.zeros(n), None, None, np.zeros((2 * n, n)), -np.ones(2 * n), np.ones(2 * n))
     low, high, sense = np.empty(2 * n), np.empty(2 * n), np.zeros(2 * n, dtype=np.int32)
     for rng, q, v in states(robot, 0):
         terms = evaluate_dynamics(robot, q, v)
@@ -92,7 +96,13 @@ def torque_envelope(robot: RobotModel) -> tuple[np.ndarray, np.ndarray]:
         high[n:] = np.minimum(e.tau_max, terms.g + e.tau_rate * e.period) - h
         f, C = h - command, np.ascontiguousarray(np.vstack([np.eye(n), terms.M]))
         peer.append(timed(lambda f=f, C=C, terms=terms: daqp.solve(terms.M, f, C, high, low, sense)))
-    return np.array(own[WARM_UP:]), np.array(peer[WARM_UP:])
+
+        def solve(f=f, C=C, terms=terms) -> None:
+            proxqp.update(H=terms.M, g=f, C=C, l=low, u=high)
+            proxqp.solve()
+
+        other.append(timed(solve))
+    return np.array(own[WARM_UP:]), np.array(peer[WARM_UP:]), np.array(other[WARM_UP:])
 
 
 def velocity_envelope(robot: RobotModel) -> np.ndarray:

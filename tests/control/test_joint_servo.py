@@ -107,3 +107,19 @@ def test_a_state_that_is_not_known_leaves_the_gravity_torque_of_the_last_one(lwr
 def test_parameters_are_checked(field):
     with pytest.raises(ParameterError, match=field):
         JointServoParameters(**{field: -1.0})
+
+
+@pytest.mark.parametrize(("integral_gain", "left"), [(0.0, 0.03), (625.0, 0.002)])
+def test_the_integral_takes_out_what_a_constant_torque_holds_back(lwr4, integral_gain, left):
+    """A friction of 0.1 Nm that nobody knows: without the integral the wrist stays slow by f/(M K)."""
+    servo = JointVelocityServo(lwr4, JointServoParameters(gain=50.0, integral_gain=integral_gain))
+    bench, q, v = Bench(servo), lwr4.home.copy(), np.zeros(7)
+    wanted, friction = np.full(7, 0.1), 0.1
+    for k in range(500):
+        terms = evaluate_dynamics(lwr4, q, v)
+        bench.set(dynamics=terms, velocity_commanded=wanted)
+        bench.simulator.AdvanceTo(0.001 * (k + 1) + 2e-6)
+        torque = bench.read("torque_commanded") - friction * np.tanh(v / 1e-3)
+        v = v + 0.001 * np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
+        q = q + 0.001 * v
+    assert (np.abs(wanted - v).max() < left) == (integral_gain > 0.0)

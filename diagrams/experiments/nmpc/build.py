@@ -48,7 +48,7 @@ class NmpcCellParameters(PlantParameters):
     # all that people could do; "off", or a robot without shapes: nothing.
     verified_stop: str = "things"
     stop: VerifiedStopParameters = field(default_factory=VerifiedStopParameters)
-    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0))
+    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, integral_gain=2500.0))
     # How a camera sees the obstacles, if they are not told.
     watch: ObstacleWatch = field(default_factory=ObstacleWatch)
 
@@ -108,6 +108,8 @@ def build_nmpc(
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
     envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
     within = acceleration_within(params.controller, envelope.bounds.acceleration)
+    if truth.profile.torque_delay > 0:  # computing takes its time too
+        within = replace(within, delay_compensation=True)
     controller = builder.AddNamedSystem("controller", TimedController(robot, job.end_effector, job.points, within))
     servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
     limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, params.servo.period))

@@ -62,7 +62,7 @@ class ThreeLevelParameters:
         default_factory=lambda: ReversePriorityParameters(period=0.001, acceleration_max=[10.0])
     )
     envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
-    servo: JointServoParameters = field(default_factory=JointServoParameters)
+    servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(integral_gain=2500.0))
 
     def __post_init__(self) -> None:
         require_positive(self, "radius", "buffer", "limit_buffer", "elbow_buffer", "turn", "person_speed")
