@@ -93,8 +93,8 @@ class JointVelocityServo(LeafSystem):
         while the state is not known: the gravity torque of the last known one is left, at the start that at home.
 
     The law is `servo_torque`, with the integral of the velocity error in the desired acceleration. State: that
-    integral, nothing after an input that was not finite; and the command of the cycle before, for the acceleration fed forward;
-    none is in the first cycle, so that a command that does not start at zero is approached with the gain alone.
+    integral, nothing after an input that was not finite; and the command of the cycle before, for the acceleration fed
+    forward; none is in the first cycle, so that a command that does not start at zero is approached with the gain alone.
     """
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
