@@ -94,7 +94,7 @@ class JointVelocityServo(LeafSystem):
 
     The law is `servo_torque`, with the integral of the velocity error in the desired acceleration. State: that
     integral, nothing after an input that was not finite; and the command of the cycle before, for the acceleration fed
-    forward; none is in the first cycle, so that a command that does not start at zero is approached with the gain alone.
+    forward; none is in the first cycle, so that a command that does not start at zero is approached by the gain alone.
     """
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
