@@ -63,7 +63,7 @@ def contact_impedance_torque(
     F: Array,
     misfit: Array,
     gains: ImpedanceGains,
-    touched: bool = True,
+    q_return: Array | None = None,
 ) -> TorqueTerms:
     """Return the torque of the contact impedance, eq. (61), with the misfit compensated.
 
@@ -73,7 +73,8 @@ def contact_impedance_torque(
 
     Added: `misfit_torque`; a large M_d turns the misfit into a wrong deflection. Where nobody touches any more, the
     residual is friction and what the model lacks: with a desired inertia all of it is cancelled and nothing shaped, so
-    that the contact returns to where it was.
+    that the contact returns to where it was. Self-motion goes back as well, critically damped by K_N: near a
+    singularity of the contact it is what moves it.
 
     Parameters
     ----------
@@ -87,10 +88,10 @@ def contact_impedance_torque(
         r − J_cᵀF̂, the part of the residual that F does not explain (Nm).
     gains :
         Gains; see `ImpedanceGains`.
-    touched : bool
-        Whether the person touches; false on the way back.
+    q_return : (n,) array, optional
+        Posture to go back to when nobody touches any more (rad or m).
     """
-    J = point.Jv_WC
+    J, touched = point.Jv_WC, q_return is None
     Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
     K_p, K_d = gains.K_p, gains.K_d
     if gains.M_d_inv is None:
@@ -104,7 +105,8 @@ def contact_impedance_torque(
         force = J.T @ (shaping @ F - F) if touched else -J.T @ F
     shaped_return = gains.M_d_inv is not None and not touched
     compensation = -misfit if shaped_return else misfit_torque(misfit, F, gains.misfit_lever)
-    null_space = -terms.M @ (P_c @ (gains.K_N * terms.v))
+    away = 0.0 * terms.q if q_return is None else terms.q - q_return
+    null_space = -terms.M @ (P_c @ (gains.K_N * (terms.v + 0.25 * gains.K_N * away)))
     return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g, 0.0 * terms.g)
 
 

@@ -177,6 +177,6 @@ class ContactImpedanceController(ContactController):
         if status_of(F, misfit) != SystemStatus.OK:
             return self._unknown(idle)
         p_desired = self._robot.kinematics(now.q_latched).position(now.contact.link, now.contact.p_LC)
-        touched = now.mode == InteractionMode.CONTACT
-        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains, touched)
+        q_return = None if now.mode == InteractionMode.CONTACT else now.q_latched
+        parts = law.contact_impedance_torque(terms, point, p_desired, F, misfit, self.gains, q_return)
         return idle._replace(terms=self._rubbing(context, parts), error=p_desired - point.p_WC)

@@ -108,6 +108,22 @@ def test_steady_push_deflects_by_force_over_stiffness(lwr4, M_d):
 
 
 @pytest.mark.parametrize("M_d", INERTIAS)
+def test_on_the_way_back_self_motion_returns_too_and_the_contact_does_not_feel_it(lwr4, M_d):
+    """q̈ along the null space is that of a critically damped posture; the contact accelerates as before."""
+    for link, p_LC, terms, F, e in samples(lwr4, [5, 6]):
+        point, law = terms.point(link, p_LC), gains(M_d)
+        if not regular(point, terms.M):
+            continue
+        J, q_return = point.Jv_WC, terms.q + 0.1 * np.sin(np.arange(7.0))
+        given = terms, point, point.p_WC - e, 0.0 * F, np.zeros(7), law
+        away, here = (contact_impedance_torque(*given, q) for q in (q_return, terms.q))
+        pull = np.linalg.solve(terms.M, away.total() - here.total())
+        np.testing.assert_allclose(J @ pull, 0.0, atol=1e-9)
+        P_c = consistent_inverse(J, terms.M, law.max_effective_mass).P
+        np.testing.assert_allclose(pull, P_c @ (0.25 * law.K_N**2 * (q_return - terms.q)), atol=1e-9)
+
+
+@pytest.mark.parametrize("M_d", INERTIAS)
 def test_steady_push_at_a_point_seen_wrongly(lwr4, M_d):
     """With the misfit within its lever arm the arm still rests where K_p (x − x_d) = F̂; without it, it drifts."""
     compensated = 0

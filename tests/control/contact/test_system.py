@@ -99,8 +99,14 @@ def test_contact_answers_with_the_law_at_the_latched_point(moving, lwr4):
     np.testing.assert_array_equal(bench.read("contact_position"), point.p_WC)
 
 
-def test_return_is_the_same_law_as_contact(moving):
-    np.testing.assert_array_equal(moving(RETURN).torque, moving(CONTACT).torque)
+def test_return_is_the_same_law_as_contact_for_the_contact(moving):
+    """Beside it, self-motion goes back to the latched posture."""
+    back, touched = moving(RETURN), moving(CONTACT)
+    d, contact = evaluate_dynamics(back.robot, back.q, back.v), back.mode(RETURN).contact
+    J = d.point(contact.link, contact.p_LC).Jv_WC
+    pull = np.linalg.solve(d.M, back.torque - touched.torque)
+    np.testing.assert_allclose(J @ pull, 0.0, atol=1e-6)
+    assert np.abs(pull).max() > 0.01
 
 
 @pytest.mark.parametrize("after", InteractionMode)
