@@ -212,12 +212,10 @@ class ContactLocalizer(LeafSystem):
         at, views = self._instant(memory, newest), []
         for k, stamp in stamps.items():
             sample, repeats = cameras[k].repeated(self._frames.depth(context, k))
-            if 0 < self._params.frozen_frames <= repeats:
-                cameras[k] = _Camera(now, stamp, CameraStatus.STALE, sample=sample, repeats=repeats)
-                continue
-            view = self._look(context, k, at)
-            cameras[k] = _Camera(now, stamp, CameraStatus.INVALID, sample=sample, repeats=repeats)
-            if view is not None:
+            frozen, view = 0 < self._params.frozen_frames <= repeats, self._look(context, k, at)
+            status = CameraStatus.INVALID if view is None or not frozen else CameraStatus.STALE
+            cameras[k] = _Camera(now, stamp, status, sample=sample, repeats=repeats)
+            if view is not None and not frozen:
                 cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points, sample, repeats)
                 views.append(view)
         memory = replace(memory, cameras=tuple(cameras), stamp=newest)

@@ -112,7 +112,7 @@ def test_without_a_command_the_posture_is_held_and_it_is_told(lwr4, bad):
     assert np.isfinite(applied).all() and np.isfinite(excess).all()
     began, end = np.flatnonzero(lost)[[0, -1]]
     assert np.abs(v[began]).max() > 0.02  # it moved
-    assert np.abs(q[end] - q[began]).max() < 1e-3 and np.abs(v[end]).max() < 1e-3
+    assert np.abs(q[end] - q[began]).max() < 1e-3 and np.abs(v[end]).max() < 5e-3
     assert not lost[-50:].any()
 
 
