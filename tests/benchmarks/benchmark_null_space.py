@@ -53,7 +53,7 @@ def now() -> np.ndarray:
 def cycles(observer: str, task: str) -> tuple[np.ndarray, np.ndarray]:
     """Return wall and thread times (2, cycles) in ms of all systems with the event loop, and of what follows M(q)."""
     params = NullSpacePipelineParameters()
-    params.controller.observer, params.controller.task, params.controller.gamma = observer, task, 0.05
+    params.controller.observer, params.controller.task, params.controller.gamma = observer, task, 0.02
     robot, builder = lwr4(), DiagramBuilder()
     sensor = builder.AddSystem(JointSensor(robot, JointSensorParameters(params.period, 1e-6)))
     pipeline = add_null_space_pipeline(builder, robot, sensor.get_output_port(0), sensor.get_output_port(1), params)

@@ -202,6 +202,10 @@ SPEED_TABLE = [
         Speed("benchmark_skin", f"{name}, 2 touches, 0 dead", f"skin, {name}, two touches")
         for name in ("36 modules", "1000 modules")
     ),
+    *(
+        Speed("benchmark_safety", f"{name}, 7 joints{more}", f"{name}, 7 joints{more}")
+        for name, more in (("joint envelope", ""), ("velocity envelope", ""), ("verified stop", ", 16 points"))
+    ),
     Speed(
         "benchmark_contact_cycle",
         "all cycles (frames at 30 Hz)",
