@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
+from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
-from scipy.linalg import solve_discrete_are
 
 from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import require_non_negative, require_positive
@@ -69,7 +69,7 @@ def velocity_gains(inertia: Array, params: JointVelocityParameters) -> Array:
     for mass in inertia:
         size = (params.unknown_torque / mass) ** 2 / params.change_time
         # In units of the encoder's noise, without which the equation is badly scaled.
-        P = solve_discrete_are(A.T, C.T, size / noise * walk, np.eye(1))
+        P = DiscreteAlgebraicRiccatiEquation(A.T, C.T, size / noise * walk, np.eye(1))
         gains.append(P[:, 0] / (P[0, 0] + 1.0))
     return np.array(gains)
 
