@@ -134,21 +134,21 @@ def test_velocity_of_a_target_that_returns_is_that_of_its_pose(seed):
     np.testing.assert_array_equal(rest.R, R_d)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_random_postures_and_pushes(lwr4, seed):
-    """Stable, and with an observer the steady task error is less than a hundredth of the one without."""
+def pushed(robot, seed):
+    """Return the task errors without and with an observer in a random posture under a random push."""
     observer, duration = (("momentum", 1.6), ("task_error", 1.6), ("task_error_pd", 10.0))[seed % 3]
-    none, kept, F, where = Loop.pushed(lwr4, observer, bent(seed), seed)
-    expected, error = none.run(1.6, F, **where), kept.run(duration, F, **where)
-    assert np.all(np.isfinite(expected)) and np.all(np.isfinite(error))
+    none, kept, F, where = Loop.pushed(robot, observer, bent(seed), seed)
+    errors = none.run(1.6, F, **where), kept.run(duration, F, **where)
     assert np.linalg.norm(none.v) < 1.0 and np.linalg.norm(kept.v) < 1.0
-    assert expected[-1] > 100.0 * error[-1]
+    return errors
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_another_arm(load_arm, seed):
-    """The same with all that is read from the file of an xArm7."""
-    test_random_postures_and_pushes(load_arm("xarm7"), seed)
+@pytest.mark.parametrize(("name", "seed"), [*(("lwr4", k) for k in range(20)), *(("xarm7", k) for k in range(5))])
+def test_random_postures_and_pushes(load_arm, name, seed):
+    """Stable, and with an observer the steady task error is less than a hundredth of the one without."""
+    without, error = pushed(load_arm(name), seed)
+    assert np.all(np.isfinite(without)) and np.all(np.isfinite(error))
+    assert without[-1] > 100.0 * error[-1]
 
 
 def test_steady_error_without_observer(lwr4):
