@@ -19,7 +19,7 @@ from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
-from saphari_drake.simulation.view.figures import Line, Panel, time_panels
+from saphari_drake.simulation.view.figures import Panel, time_panels
 from saphari_drake.simulation.world.profile import PlantProfile
 
 CASES = {
@@ -96,8 +96,9 @@ def figure(setup: ContactSetup, log: Log) -> Figure:
         log,
         [
             Panel("Residual of the model", ["residual"], "r [Nm]"),
-            Panel("Learned: gravity that the model lacks", ["model_model_torque"], "[Nm]"),
-            Panel("Residual that is left", ["model_torque_external", Line("model_torque_uncertainty")], "r [Nm]"),
+            Panel("Learned: gravity that the model lacks", ["model_model_torque"], "Δg [Nm]"),
+            Panel("Residual that is left", ["model_torque_external"], "r [Nm]"),
+            Panel("How far it may be from zero though nobody touches", ["model_torque_uncertainty"], "δr [Nm]"),
         ],
         f"Nobody near: {CASES[setup.scenario.case]}",
     )

@@ -97,13 +97,13 @@ def figure(cell: Recorded, found: Identification, log: Log) -> Figure:
     for axis, name, unit, true in zip(axes[:2], ("coulomb", "viscous"), ("Nm", "Nms/rad"), cell.friction):
         axis.bar(joints - 0.2, getattr(found.found, name), 0.4, yerr=found.sigma[name], label="identified")
         axis.bar(joints + 0.2, true, 0.4, label="true")
-        axis.set_ylabel(f"{name} [{unit}]")
+        axis.set_ylabel(f"{name.capitalize()} friction [{unit}]")
     axes[2].bar(joints - 0.2, found.before, 0.4, label="by the model file")
     axes[2].bar(joints + 0.2, found.after, 0.4, label="identified")
-    axes[2].set_ylabel("rms torque left [Nm]")
+    axes[2].set_ylabel("RMS torque left [Nm]")
     for axis in axes:
         axis.set_xticks(joints, cell.robot.joint_names)
-        axis.legend(fontsize=8)
+        axis.legend(fontsize=8, loc="lower center", ncols=2)
     return result
 
 
