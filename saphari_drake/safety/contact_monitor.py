@@ -31,10 +31,8 @@ class ContactMonitorParameters:
     """When a contact is new, when a return is over."""
 
     # m; a contact point that moves farther than this over the robot, from frame to frame, is a new contact. One that
-    # slides over the border of two links is not.
+    # slides over the border of two links is not. While the touch lasts, the posture stays that in which it began.
     new_contact_distance: float = 0.05
-    # s; unless the touch has just begun: then the camera, which is late, has found where it is.
-    correction_time: float = 0.1
     # s; how long a contact that is felt, but that no camera sees any more, is still answered; then the robot yields. A
     # law that pushes back needs this second sign that somebody is there.
     unseen_time: float = np.inf
@@ -57,7 +55,6 @@ class ContactMonitorParameters:
         require_positive(
             self,
             "new_contact_distance",
-            "correction_time",
             "position_tolerance",
             "velocity_tolerance",
             "settle_time",
@@ -210,9 +207,8 @@ class ContactMonitor(LeafSystem):
             moved = _world(terms, seen) - _world(terms, now.contact)
             if np.linalg.norm(moved) < params.new_contact_distance:
                 return replace(now, mode=InteractionMode.CONTACT, contact=seen)
-        # A contact that was felt before it was seen, or was first seen elsewhere, began where it was felt.
-        corrected = now.mode == InteractionMode.CONTACT and memory.in_mode <= params.correction_time
-        began = now.mode == InteractionMode.YIELD or corrected
+        # A touch that has not ended began where it was felt, wherever it is seen now.
+        began = now.mode in (InteractionMode.YIELD, InteractionMode.CONTACT)
         return Interaction(InteractionMode.CONTACT, seen, now.q_latched if began else terms.q, now.onset + 1)
 
     def _enter(self, mode: InteractionMode, now: Interaction, terms: DynamicsTerms) -> Interaction:
