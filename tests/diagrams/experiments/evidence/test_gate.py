@@ -118,3 +118,14 @@ def test_every_case_runs_once_and_the_main_ones_with_the_seed_of_the_day_too():
 
 def test_the_seed_of_the_day_is_the_date():
     assert seed_of_the_day(date(2026, 1, 31)) == 20260131
+
+
+def test_a_bound_missed_on_the_realistic_plant_is_a_finding_but_its_figure_counts():
+    metrics = changed("error_m", 0.7, None, 0.5, True)
+    run = made(metrics, status=1)
+    run = Run(Job("toy", "a/realistic"), 1, 1.0, run.document)
+    same = {"toy": {"a/realistic": summarize_case([run], 0)}}
+    assert failures(run, same) == []
+    other = made(changed("error_m", 0.9, None, 0.5, True), status=1)
+    (line,) = failures(Run(run.job, 1, 1.0, other.document), same)
+    assert "error_m" in line and "recorded 0.7" in line
