@@ -141,18 +141,18 @@ def admittance_matrices(mass: Array, damping: Array, period: float) -> tuple[Arr
 
 
 @njit(cache=True)
-def confine(v, p, centre, radius, time):
+def confine(v, p, centre, radius, time, slower):
     """Return a velocity whose part out of a sphere does not exceed (distance to the sphere)/time, and if it did.
 
     A point that starts inside then stays there, as its distance to the sphere decays no faster than exp(−t/time). One
-    that is outside already is not driven back.
+    that is outside already is not driven back, and one that begins too fast is slowed down gradually.
 
     Parameters
     ----------
     v, p, centre : (3,) arrays
         Velocity, position and centre of the sphere (m).
-    radius, time : float
-        Radius (m; 0: no bound), and time constant (s).
+    radius, time, slower : float
+        Radius (m; 0: no bound), time constant (s), and what is taken from the velocity at most (m/s).
     """
     away = p - centre
     distance = norm(away)
@@ -162,7 +162,7 @@ def confine(v, p, centre, radius, time):
     excess = -max(radius - distance, 0.0) / time
     for i in range(3):
         excess += v[i] * away[i]
-    return (v - excess * away, True) if excess > 0.0 else (v, False)
+    return (v - min(excess, slower) * away, True) if excess > 0.0 else (v, False)
 
 
 @njit(cache=True)

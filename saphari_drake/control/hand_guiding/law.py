@@ -201,7 +201,8 @@ class HandGuiding:
                 p_d = p_d + actual.R_WL[link] @ (p_LC - state.p_LC)
         limits = self.points[c]
         free, fast = admittance(v_d, hands.force[c], *self._admittance[c], limits.max_speed)
-        v_d_next, bounded = confine(free, p_d, centre, limits.workspace_radius, params.approach_time)
+        bounds = limits.workspace_radius, params.approach_time, params.point_deceleration * params.period
+        v_d_next, bounded = confine(free, p_d, centre, *bounds)
         acceleration = (v_d_next - v_d) / params.period + params.k_d * (v_d - at.v_WC) + params.k_p * (p_d - at.p_WC)
         return _Point(c, at, centre, p_d, v_d, v_d_next, acceleration, fast or bounded)
 
@@ -236,8 +237,7 @@ class HandGuiding:
         for point, reachable, free, away in zip(law.points, law.reachable, law.rank, law.lost) if law else ():
             c, force = point.which, hands.force[point.which]
             p[c], v_d[c], a_d[c], rank[c], direction[c] = point.at.p_WC, point.v_d, point.acceleration, free, away
-            rest = force - reachable @ force
-            lost[c] = np.sqrt(rest @ rest)
+            lost[c] = np.linalg.norm(force - reachable @ force)
             if lost[c] > self.params.partial_share * np.sqrt(force @ force):
                 status = GuidingStatus.PARTIAL
             held_back = held_back or point.limited

@@ -81,6 +81,9 @@ class HandGuidingParameters:
     timeout: float = 0.05
     # s; the workspace's and the joints' limits are approached with this time constant.
     approach_time: float = 0.2
+    # m/s²; with which a point that leaves its workspace, or comes too fast to its border, is slowed down at most. A
+    # point that is led there needs its speed over the approach time.
+    point_deceleration: float = 5.0
     # rad (m); distance kept from the joints' limits, and share of their velocity limits that is used.
     joint_margin: float = 0.03
     joint_speed_share: float = 0.9
@@ -102,8 +105,8 @@ class HandGuidingParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "k_p", "k_d", "K_P", "K_D", "damping_threshold", "null_damping", "hold_damping", "fault_damping",
-            "fade_time", "point_time", "timeout", "approach_time", "joint_speed_share", "max_lag", "max_acceleration",
-            "max_deceleration", "release_time", "period",
+            "fade_time", "point_time", "point_deceleration", "timeout", "approach_time", "joint_speed_share", "max_lag",
+            "max_acceleration", "max_deceleration", "release_time", "period",
         )  # fmt: skip
         require_non_negative(self, "force_time", "joint_margin", "partial_share", "hand_stiffness", "hand_damping")
         require_choice(self, "feedback", FEEDBACK)

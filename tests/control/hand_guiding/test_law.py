@@ -319,6 +319,21 @@ def test_limits_hold_at_every_sample(lwr4, force):
     assert np.abs([o.acceleration for o in robot.outputs]).max() <= robot.params.max_acceleration + 1e-9
 
 
+@pytest.mark.parametrize("speed", [0.02, 0.3, 1.5])
+def test_a_workspace_is_kept_or_left_gradually(speed):
+    """Within the profile a point stays inside; one that begins outside it loses so much speed a cycle, and no more."""
+    centre, radius, time, slower = np.array([0.1, 0.2, 0.3]), 0.25, 0.2, 5.0 * PERIOD
+    p, v, push = centre + [0.2, 0.0, 0.0], np.array([speed, 0.1, 0.0]), np.array([0.004, 0.0, 0.0])
+    fits = speed <= 0.05 / time
+    for _ in range(1000):
+        following, bounded = laws.confine(v + push, p, centre, radius, time, slower)
+        taken = v + push - following
+        assert np.linalg.norm(taken) <= slower + 1e-12 and (bounded or not taken.any())
+        p, v = p + PERIOD * following, following
+        assert not fits or np.linalg.norm(p - centre) <= radius + 1e-5  # less than a step sideways
+    assert bounded and abs(v[0]) < 1e-2  # it rests at the border, or beyond
+
+
 @pytest.mark.parametrize("force", [(0.0, 25.0, 0.0), (0.0, 25.0, 15.0)])
 def test_a_stretched_arm_stays_bounded(lwr4, force):
     """Led beyond its reach, joints stay within their speeds and limits; led back, it comes."""
