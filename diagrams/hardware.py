@@ -65,7 +65,15 @@ def with_address(argv: Sequence[str]) -> list[str]:
 
 
 EXPERIMENT = Experiment(
-    "hardware", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+    "hardware",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    seedless=frozenset(CASES),
+    parts=lambda case: ARM,
 )
 
 

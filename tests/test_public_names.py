@@ -17,6 +17,8 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.estimation import JointVelocity, JointVelocityParameters
 from saphari_drake.perception import CameraCheck, CameraParameters
 from saphari_drake.safety import TorqueLimit
+from saphari_drake.stations import RobotStation
+from saphari_drake.stations.shared import open_link
 
 ROOT = Path(saphari_drake.__file__).parent
 PACKAGES = sorted(
@@ -75,6 +77,7 @@ def systems() -> dict[type, LeafSystem]:
     """Return one system of each class of this library, out of the experiments' diagrams."""
     robot = saphari_drake.lwr4()
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
+    found[RobotStation] = RobotStation(robot, open_link(robot.n))
     found[JointVelocity] = JointVelocity(robot, JointVelocityParameters(resolution=1e-4))
     for script, case in DIAGRAMS.items():
         experiment = importlib.import_module(script).EXPERIMENT

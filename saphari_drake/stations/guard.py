@@ -27,6 +27,7 @@ class Guarded(NamedTuple):
     external: Array  # (n,) what others do to the robot
     limited: Limited
     status: StationStatus
+    standing: bool  # whether the robot was braked and stands
 
 
 class Guard:
@@ -56,11 +57,6 @@ class Guard:
         self._integral: Array | None = None
         self._torques: Array | None = None
 
-    @property
-    def standing(self) -> bool:
-        """Whether the robot was braked and stands."""
-        return self._status == StationStatus.STALE and self._q_hold is not None
-
     def step(self, q: Array, v: Array, command: Array | None, fresh: bool) -> Guarded:
         """Return the torque for a measured state (n,) each, and the latest command (n,), None before the first one."""
         terms = evaluate_dynamics(self._robot, q, v)
@@ -75,7 +71,9 @@ class Guard:
         self._torques = np.vstack((self._torques[1:], limited.torque))
         acting = self._torques[-1 - self._delay]
         self._integral = advance_integral(self._integral, external, acting, terms, self._params.envelope.period)
-        return Guarded(limited.torque, terms.g, external, limited, self._status)
+        slow = bool(np.abs(v).max() < self._params.standing_speed)
+        standing = slow and self._status == StationStatus.STALE
+        return Guarded(limited.torque, terms.g, external, limited, self._status, standing)
 
     def _wish(self, terms: DynamicsTerms, command: Array | None, fresh: bool) -> Array:
         """Return the command, or what brakes and holds in its place, and remember which."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 
 import numpy as np
@@ -71,5 +72,8 @@ class LcmArm:
         self._lcm.Publish(COMMAND, message.encode())
 
     def finish(self) -> None:
-        """Ask for no torque beyond the weight."""
-        self.write(np.zeros(self._n), np.zeros(self._n))
+        """Ask for no torque beyond the weight, more than once: a message may be lost."""
+        for _ in range(3):
+            with contextlib.suppress(SensorError):
+                self.read()
+            self.write(np.zeros(self._n), np.zeros(self._n))

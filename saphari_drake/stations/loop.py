@@ -70,19 +70,19 @@ def serve(arm: Arm, guard: Guard, link: Link, params: StationParameters, parent:
         stamp = time.monotonic()
         cadence.tick(reading.time, stamp)
         given = link.command.read()
-        told, closing, alone = given is not None and given["stamp"][0] > 0.0, False, os.getppid() != parent
+        told, closing, alone = given is not None and given["time"][0] > 0.0, False, os.getppid() != parent
         fresh, command = False, np.zeros(len(reading.q)) if told or alone else None
         if given is not None:
             closing = given["close"][0] == 1.0
             command = given["torque"] if told else None
-            fresh = stamp - given["stamp"][0] <= params.stale_time
+            fresh = reading.time - cadence.start - given["time"][0] <= params.stale_time
         if closing or alone:  # nobody commands any more: to a stop
             command, fresh = np.zeros(len(reading.q)), False
         guarded = guard.step(reading.q, reading.v, command, fresh)
         arm.write(guarded.torque, guarded.gravity)
         _tell(link.reading, reading, guarded, cadence, stamp)
-        stood = stood + params.envelope.period if guard.standing else 0.0
-        if (stood > 0.0 and closing) or (alone and stood > params.end_time):
+        stood = stood + params.envelope.period if guarded.standing else 0.0
+        if (closing or alone) and stood > params.end_time:
             return
 
 

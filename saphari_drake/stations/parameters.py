@@ -23,10 +23,10 @@ class StationParameters:
     envelope: JointEnvelopeParameters = field(default_factory=_envelope)
     # 1/s; observer of what others do to the robot, for the envelope alone.
     observer_gain: float = 50.0
-    # s; a command older than this comes from a diagram that is dead or hangs: the robot is braked. Assumed; the FCI
-    # itself gives a client 20 ms.
+    # s, on the robot's clock; a command for a sample older than this comes from a diagram that is dead or hangs: the
+    # robot is braked. Assumed; the FCI itself gives a client 20 ms.
     stale_time: float = 0.03
-    # s; so long the robot is held after it was braked, with nobody left to command it, before the loop ends.
+    # s; so long the robot is held after it was braked, when the diagram ends or has died, before the loop ends.
     end_time: float = 0.5
     # 1/s; with which velocities die out when the robot is braked, as far as the envelope's motors can.
     brake_damping: float = 30.0

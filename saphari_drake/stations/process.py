@@ -49,7 +49,7 @@ class StationProcess:
     def __init__(self, address: str, robot: RobotModel, params: StationParameters | None = None) -> None:
         params = params or StationParameters()
         self.link = open_link(robot.n)
-        self._errors = tempfile.TemporaryFile()
+        self._errors, self._last = tempfile.TemporaryFile(), ""
         self._process = subprocess.Popen(
             [sys.executable, "-m", "saphari_drake.stations.loop"],
             stdin=subprocess.PIPE,
@@ -85,6 +85,8 @@ class StationProcess:
 
     def said(self) -> str:
         """Return the last line that the loop said of an error; "" for none."""
+        if self._errors.closed:
+            return self._last
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else ""
@@ -100,6 +102,7 @@ class StationProcess:
                 self._process.wait()
         if self._process.stdout is not None:
             self._process.stdout.close()
+        self._last = self.said()
         self._errors.close()
 
     def __enter__(self) -> Self:

@@ -75,12 +75,12 @@ def open_link(n: int, path: Path | None = None) -> Link:
         (cycles that began more than half a period late), longest (s, from one cycle to the next), success (share of
         the robot's last cycles that got a command; NaN: not told), envelope (an `EnvelopeStatus`), status (a
         `StationStatus`).
-    command : torque (n), stamp (s), close (1: end).
+    command : torque (n), time (s, the robot's, of the sample that it answers; 0: none yet), close (1: end).
     """
     vectors = ("position", "velocity", "torque_measured", "torque_acting", "torque_external")
     scalars = ("time", "stamp", "missed", "late", "longest", "success", "envelope", "status")
     reading = dict.fromkeys(vectors, n) | dict.fromkeys(scalars, 1)
-    command = {"torque": n, "stamp": 1, "close": 1}
+    command = {"torque": n, "time": 1, "close": 1}
     sizes = [1 + sum(fields.values()) for fields in (reading, command)]
     if path is None:
         folder = "/dev/shm" if os.path.isdir("/dev/shm") else None

@@ -28,6 +28,7 @@ class _Sample(Immutable):
     status: StationStatus
     counts: Array  # missed, late
     success: float
+    time: float = 0.0  # s, of the robot
 
 
 class RobotStation(LeafSystem):
@@ -123,8 +124,11 @@ class RobotStation(LeafSystem):
             status,
             counts,
             float(told["success"][0]),
+            float(told["time"][0]),
         )
 
     def _command(self, context: Context) -> EventStatus:
-        self._link.command.write(torque=self._torque.Eval(context), stamp=time.monotonic())
+        sample: _Sample = context.get_abstract_state(self._sample_index).get_value()
+        torque = self._torque.Eval(context)
+        self._link.command.write(torque=torque, time=sample.time)
         return EventStatus.Succeeded()
