@@ -69,6 +69,9 @@ def test_the_arm_stops_when_the_process_of_its_diagram_is_killed(driver, lwr4):
     assert np.all(np.abs(v) <= lwr4.v_max)
     assert np.all((q > lwr4.q_min) & (q < lwr4.q_max))
     assert np.abs(v[t > t[0] + 0.5]).max() < 0.05
+    end = time.monotonic() + 5.0
+    while alive(loop) and time.monotonic() < end:
+        time.sleep(0.05)
     assert not alive(loop)
 
 

@@ -27,7 +27,8 @@ def measured(run: Run) -> dict[str, float]:
 def _window(run: Run, end: float | None = None) -> tuple[NDArray[np.bool_], float]:
     """Return the rows of the log in which the push is settled, before it ends, and the mean true force in them (N)."""
     time, force = run.truth or (np.zeros(0), np.zeros(0))
-    end = float(time[force > TOUCHED][-1]) - LEAVING if end is None else end
+    touching = (force > TOUCHED) & (time < run.log.time[-1])
+    end = float(time[touching][-1]) - LEAVING if end is None else end
     rows = (time >= end - SETTLED) & (time < end)
     return run.log.between(end - SETTLED, end), float(force[rows].mean())
 
