@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pytest
 
-DIAGRAMS = Path(__file__).resolve().parents[2] / "diagrams"
+DIAGRAMS = Path(__file__).resolve().parents[1] / "diagrams"
 NOTEBOOKS = sorted((DIAGRAMS / "notebooks").glob("*.py"))
 
 
