@@ -46,7 +46,7 @@ def scenario_for(case: str) -> HardwareScenario:
 
 def build_diagram(scenario: HardwareScenario) -> Diagram:
     """Return the diagram of a scenario with its simulated robot."""
-    return build(scenario, scenario.model()).diagram
+    return build(scenario, scenario.loaded(scenario.home)).diagram
 
 
 def run(scenario: HardwareScenario, options: RunOptions) -> Outcome:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -62,10 +63,10 @@ class HardwareScenario(PlantScenario):
         """The parameters of the case's pipeline."""
         return self.null_space if self.case == "null_space" else self.touch
 
-    def model(self) -> RobotModel:
-        """Return the robot's model, at home in the scenario's posture."""
+    def loaded(self, home: ArrayLike = ()) -> RobotModel:
+        """Return the robot as its file and `model` have it; `home` in deg, empty: its own."""
         path = self.robot or str(catalog.models_dir() / "fr3" / "fr3.urdf")
-        return catalog.load(path, home=np.deg2rad(self.home) if self.home else ())
+        return catalog.load(path, home=np.deg2rad(home), options=self.model)
 
 
 @dataclass

@@ -46,7 +46,7 @@ def run_case(scenario: HardwareScenario, options: RunOptions | None = None) -> R
     scenario = deepcopy(scenario)
     if scenario.address != SIM:
         return run_station(scenario)
-    robot = scenario.known(scenario.model())
+    robot = scenario.known(scenario.loaded(scenario.home))
     setup = build(scenario, robot)
     simulation = Simulation(setup.diagram, scenario.case, options)
     simulation.to(scenario.duration)
@@ -63,7 +63,7 @@ def run_station(scenario: HardwareScenario, begin: Callable[[], None] = lambda: 
     SensorError
         If the robot does not answer, or is lost before it has begun.
     """
-    robot = scenario.known(scenario.model())
+    robot = scenario.known(scenario.loaded(scenario.home))
     scenario.station.period = scenario.pipeline.period
     with StationProcess(scenario.address, robot, scenario.station) as process:
         told = process.link.reading.read()
@@ -85,7 +85,7 @@ def run_franka_sim(scenario: HardwareScenario, enforce: bool = True) -> tuple[Ru
     """Run a scenario over the FCI on MuJoCo's arm, with what was true; return it and what the server found wrong."""
     scenario = deepcopy(scenario)
     scenario.address = f"fci://{FrankaSim.HOST}"
-    with FrankaSim(scenario.model(), scenario.rod, enforce) as server:
+    with FrankaSim(scenario.loaded(scenario.home), scenario.rod, enforce) as server:
         run = run_station(scenario, server.begin)
         warnings, truth = server.warnings(), server.close()
     run.truth = (truth["time"] - lag(run.log, truth, scenario.pipeline.period), truth["force"])
