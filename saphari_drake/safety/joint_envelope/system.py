@@ -54,8 +54,8 @@ class JointEnvelope(LeafSystem):
         the last; what slower observers are fed. `torque_delay` is in it.
     torque_acting : n (Nm or N), the torque at the joints over the period that begins now, `torque_delay` in it.
 
-    Law and guarantee: `limited_torque`; all of a period is compiled in `stepped`. It knows nothing of the controller inside. An external torque that is not
-    finite counts as none. At the start the torque before was that of the weight.
+    Law and guarantee: `limited_torque`; all of a period is compiled in `stepped`. It knows nothing of the controller
+    inside. An external torque that is not finite counts as none. At the start the torque before was that of the weight.
     """
 
     def __init__(self, robot: RobotModel, params: JointEnvelopeParameters | None = None) -> None:
