@@ -24,7 +24,7 @@ CYCLE_OFFSET = 1.0e-6
 # At every step of a simulation pydrake looks in each Python system for a method of this name. That there is none it
 # remembers only where it finds one of its own instead: without it the search takes a microsecond a system and step.
 if not hasattr(LeafSystem, "DoGetWitnessFunctions"):
-    LeafSystem.DoGetWitnessFunctions = LeafSystem.GetWitnessFunctions  # type: ignore[attr-defined]
+    LeafSystem.DoGetWitnessFunctions = LeafSystem.GetWitnessFunctions
 
 
 def cycle(period: float) -> dict[str, float]:

@@ -197,7 +197,7 @@ class HumanHand(LeafSystem):
         """Return the memory of a push that begins at joint positions q (n,)."""
         target = find_target(self._robot, q, self._pushes[index])
         standoff = target.p_WT - target.direction * (self.STANDOFF + self._params.finger_radius)
-        return _Memory(index, target, standoff, before and (before.standoff, before.target.R_WH))
+        return _Memory(index, target, standoff, None if before is None else (before.standoff, before.target.R_WH))
 
     def _update(self, context: Context, state: State) -> None:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
