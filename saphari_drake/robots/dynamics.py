@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, LeafSystem
 
 from saphari_drake.math.products import all_finite
 from saphari_drake.math.tree import tree_state
@@ -62,6 +63,31 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
 def _terms(robot: RobotModel, q: Array, v: Array) -> DynamicsTerms:
     R_WL, p_WL, S, V, A, *terms = tree_state(robot.tree, q, v)
     return DynamicsTerms(R_WL, p_WL, S, V, A, robot.tree.parent, q, v, *terms)
+
+
+class DynamicsInput:
+    """The input port `dynamics` of a system; what is of a robot with other joints counts as not known.
+
+    Parameters
+    ----------
+    system : LeafSystem
+        Gets the port.
+    terms : DynamicsTerms
+        Of any state of its robot.
+    """
+
+    def __init__(self, system: LeafSystem, terms: DynamicsTerms) -> None:
+        self._port = system.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._unknown = terms.unknown()
+
+    def Eval(self, context: Context) -> Any:
+        """Return the terms of a Context."""
+        terms: DynamicsTerms = self._port.Eval(context)
+        return terms if terms.M.shape == self._unknown.M.shape else self._unknown
+
+    def ticket(self) -> DependencyTicket:
+        """Return the port's ticket."""
+        return self._port.ticket()
 
 
 class RobotDynamics(LeafSystem):
