@@ -68,8 +68,9 @@ class JointEnvelope(LeafSystem):
             self.envelope, params.hold_stiffness, params.hold_damping, delay, width, params.velocity_age,
             params.stale_time,
         )  # fmt: skip
-        ports = "position_measured", "velocity_measured", "torque_commanded", "torque_external"
-        *self._needed, self._external = (self.DeclareVectorInputPort(name, BasicVector(n)) for name in ports)
+        names = "position_measured", "velocity_measured", "torque_external", "torque_commanded"
+        q, v, self._external, command = (self.DeclareVectorInputPort(name, BasicVector(n)) for name in names)
+        self._needed = q, v, command
         memory = self._resting(robot.home)
         self._memory = self.DeclareDiscreteState(memory)
         start = stepped(robot.tree, self._rules, memory, robot.home, self._none, self._none, self._none)  # compiles
@@ -77,10 +78,16 @@ class JointEnvelope(LeafSystem):
             self, "step", start, self._evaluate,
             {self.all_input_ports_ticket(), self.discrete_state_ticket(self._memory)},
         )  # fmt: skip
-        given = ("torque_applied", "torque_excess", "torque_mean", "torque_acting")
-        told = ("status", "joint", "margin", "system_status")
-        readouts = {name: (n, lambda step, k=k: step.torques[k]) for k, name in enumerate(given)}
-        readouts |= {name: (1, lambda step, k=k: step.numbers[k : k + 1]) for k, name in enumerate(told)}
+        readouts = {
+            "torque_applied": (n, lambda step: step.torques[0]),
+            "torque_excess": (n, lambda step: step.torques[1]),
+            "status": (1, lambda step: step.numbers[:1]),
+            "joint": (1, lambda step: step.numbers[1:2]),
+            "margin": (1, lambda step: step.numbers[2:3]),
+            "system_status": (1, lambda step: step.numbers[3:]),
+            "torque_mean": (n, lambda step: step.torques[2]),
+            "torque_acting": (n, lambda step: step.torques[3]),
+        }
         declare_readouts(self, self._step, readouts)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
