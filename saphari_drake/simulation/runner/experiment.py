@@ -23,6 +23,7 @@ from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
+from saphari_drake.simulation.view.mcap import require_mcap
 from saphari_drake.simulation.view.replay import start_meshcat
 
 PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -117,6 +118,10 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
+    if options.mcap:
+        if options.out is None:
+            raise ParameterError("--mcap", "needs --out, the folder to write to")
+        require_mcap()
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
     meshcat = None
@@ -127,7 +132,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder)
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.mcap)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -138,7 +143,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, mcap: bool) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
@@ -154,7 +159,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario))
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), mcap)
     return outcome.passed
 
 
