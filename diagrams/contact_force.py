@@ -43,7 +43,7 @@ def resisting(
 
 
 @dataclass
-class ContactForceScenario(RandomTrials, ContactScenario):
+class ContactForceScenario(ContactScenario, RandomTrials):
     """Everything a run depends on."""
 
     case: str = "compatible"

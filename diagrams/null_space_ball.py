@@ -27,7 +27,7 @@ RUNS = Runs()
 
 
 @dataclass
-class NullSpaceBallScenario(RandomTrials, NullSpaceScenario):
+class NullSpaceBallScenario(NullSpaceScenario, RandomTrials):
     """Everything a run depends on."""
 
     random: RandomBallParameters = field(default_factory=RandomBallParameters)

@@ -28,7 +28,7 @@ class RandomTrials(PlantScenario):
     """A scenario that has a case of random trials."""
 
     # Number of random trials (≥ 1), and the one to run alone (−1: all); trial k of a seed is the same everywhere.
-    trials: int = 6
+    trials: int = 4
     trial: int = -1
 
     def __post_init__(self) -> None:

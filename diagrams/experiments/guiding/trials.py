@@ -49,7 +49,7 @@ class RandomGuidingParameters:
 
 
 @dataclass
-class RandomGuidingScenario(RandomTrials, GuidingScenario):
+class RandomGuidingScenario(GuidingScenario, RandomTrials):
     """Guiding, with a case of random trials."""
 
     random: RandomGuidingParameters = field(default_factory=RandomGuidingParameters)

@@ -1,11 +1,21 @@
 """Random trials: intervals of rates, and what one run tells of its trials."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from experiments.nmpc.jobs import clearance, point_positions
+from experiments.nmpc.manipulator import manipulator_job
+from experiments.priority.three_level import clearances
+from experiments.priority.three_level_trials import draw_person
+from experiments.sweep.plan import find_experiment
 from experiments.trials import Panel, Trial, drawn_posture, interval, run_trials, share_metrics
+from pydrake.common.yaml import yaml_dump_typed
 
+from saphari_drake.errors import ParameterError
+from saphari_drake.robots import catalog
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.runner.results import Metric
 
 
@@ -68,3 +78,54 @@ def test_postures_stay_within_the_limits(lwr4):
     assert np.all((q >= lwr4.q_min) & (q <= lwr4.q_max)) and np.any(q == lwr4.q_max)
     near = np.array([drawn_posture(lwr4, 0.1, rng) for _ in range(50)])
     assert np.abs(near - lwr4.home).max() <= 0.1
+
+
+@pytest.mark.parametrize(("name", "case"), [("contact_force", "compatible"), ("null_space_ball", "momentum"),
+                                            ("skin_hand_guiding", "recorded")])  # fmt: skip
+def test_other_cases_keep_what_is_theirs(name, case):
+    """A scenario with trials has its own defaults, not those of the scenario of trials."""
+    scenario = find_experiment(name).scenario_for(case)
+    assert scenario.duration > 5.0 and len(scenario.home) == 7 and scenario.case == case
+    with pytest.raises(ParameterError, match="trials"):
+        type(scenario)(trials=0)
+
+
+DRAWN = {
+    "contact_force": lambda script, s, k: script.force_trial(s, k),
+    "nmpc_manipulator": lambda script, s, k: script.manipulator_trial(s, k).job,
+    "null_space_ball": lambda script, s, k: script.ball_trial(s, k),
+    "skin_hand_guiding": lambda script, s, k: script.draw_guiding(s, script.scenario_for, k),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_trial_is_the_same_again_and_no_other(name):
+    experiment = find_experiment(name)
+    scenario = experiment.scenario_for("random")
+    assert "random" not in experiment.seedless
+    texts = [yaml_dump_typed(DRAWN[name](sys.modules[f"script_{name}"], scenario, k)) for k in (0, 1, 0)]
+    assert texts[0] == texts[2] != texts[1]
+    scenario.seed = 1
+    assert yaml_dump_typed(DRAWN[name](sys.modules[f"script_{name}"], scenario, 0)) != texts[0]
+
+
+def test_jobs_of_the_manipulator_can_be_done():
+    """Start and goal keep the distance that is asked, with the room that was to be kept, inside the limits."""
+    experiment = find_experiment("nmpc_manipulator")
+    for number in range(3):
+        scenario = sys.modules["script_nmpc_manipulator"].manipulator_trial(experiment.scenario_for("random"), number)
+        job = manipulator_job(catalog.load("lwr4"), scenario.job)
+        for degrees in (scenario.job.start_deg, scenario.job.goal_deg):
+            q = np.deg2rad(degrees)
+            places = point_positions(job.robot, job.points, evaluate_dynamics(job.robot, q, 0.0 * q))
+            assert clearance(places, job.points, job.obstacles(0.0)) >= scenario.random.room - 1e-9
+            assert np.all((q > job.robot.q_min) & (q < job.robot.q_max))
+
+
+def test_people_start_clear_of_the_arm():
+    experiment = find_experiment("reverse_priority_planar")
+    scenario = experiment.scenario_for("random")
+    for number in range(3):
+        job = draw_person(scenario, number)
+        assert clearances(job.robot, job.params, job.robot.home, job.person(0.0)).min() > job.params.clearance
+        assert np.abs(job.robot.home - catalog.load("lwr4").home).max() > 0.05
