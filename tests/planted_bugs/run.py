@@ -1,7 +1,7 @@
 """Plant every bug of bugs.toml in a copy of the project and run the tests that have to see it; print list and score.
 
-`python tests/planted_bugs/run.py [--only TEXT] [--jobs K] [--unchecked]`. Exit status: 0 all are seen, 1 some are missed, 2 the tests
-fail without a bug, or a bug does not apply.
+`python tests/planted_bugs/run.py --help` tells the options. It is no part of the tests' own run. Exit status: 0 all are
+seen, 1 some are missed, 2 the tests fail without a bug.
 """
 
 import argparse

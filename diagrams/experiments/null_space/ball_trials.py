@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from experiments.contact.random_touches import surface_point_of, turned
 from experiments.null_space.run import Run, build, limits, replay
-from experiments.trials import Panel, Trial, drawn_posture
+from experiments.trials import Panel, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -126,6 +126,7 @@ def judged_push(result: Run) -> dict[str, float]:
 def ball_metrics(columns: Mapping[str, Array]) -> list[Metric]:
     """Return the metrics of the contract."""
     return [
+        *share_metrics("meets_all_share", columns["met"]),
         Metric("dwell_error_max_m", columns["dwell_error_m"].max(), "m", high=DWELL, decides=False),
         Metric("dwell_error_median_m", np.median(columns["dwell_error_m"]), "m"),
         Metric("transient_error_max_m", columns["transient_error_m"].max(), "m"),

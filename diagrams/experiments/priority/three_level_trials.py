@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from experiments.priority.figures import three_level_replay
 from experiments.priority.three_level import ThreeLevelJob, ThreeLevelParameters, three_level_job, with_faults
 from experiments.priority.three_level_build import ThreeLevelCell, add_three_level_signals, build_three_level
-from experiments.trials import Panel, Trial, drawn_posture
+from experiments.trials import Panel, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -110,6 +110,7 @@ def judged_person(cell: ThreeLevelCell, log: Log) -> dict[str, float]:
 def person_metrics(columns: Mapping[str, Array]) -> list[Metric]:
     """Return the metrics of the contract: jobs with a violation, samples with a command beyond the limits."""
     return [
+        *share_metrics("meets_all_share", columns["met"]),
         Metric("hard_violations", columns["hard_violation"].sum(), "1", high=0.0),
         Metric("command_over_limit", columns["command_over_limit"].sum(), "1", high=0.0),
         Metric("clearance_margin_min_m", columns["clearance_margin_m"].min(), "m", low=0.0, decides=False),

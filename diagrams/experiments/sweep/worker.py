@@ -42,7 +42,7 @@ def run_task(plan: Plan, task: Task) -> Row:
     times: dict[str, float] = {}
     bounds: dict[str, list[float]] = {}
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             outcome = experiment.outcome(scenario_of(experiment, plan, task.number, task.values), RunOptions())
         values |= {"met": met(outcome), "error": ""}
         for metric in outcome.metrics:
