@@ -17,7 +17,6 @@ from experiments.nmpc.run import simulate
 from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
@@ -51,7 +50,7 @@ def scenario_for(case: str) -> ManipulatorScenario:
 
 
 def _cell(scenario: ManipulatorScenario, options: RunOptions | None = None) -> NmpcCell:
-    job = manipulator_job(scenario.known(catalog.load(scenario.robot)), scenario.job)
+    job = manipulator_job(scenario.known(scenario.loaded()), scenario.job)
     truth = scenario.truth(scenario.job.cell.time_step)
     return build_nmpc(job, scenario.job.cell, None if options is None else options.meshcat, truth=truth)
 

@@ -30,7 +30,6 @@ from experiments.priority.three_level_trials import (
 from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
@@ -80,13 +79,13 @@ def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
 
 def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
     truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
-    job = three_level_job(scenario.known(catalog.load(scenario.robot)), scenario.arm, scenario.seed)
+    job = three_level_job(scenario.known(scenario.loaded()), scenario.arm, scenario.seed)
     return build_three_level(with_faults(job, truth), meshcat, truth)
 
 
 def _planar(scenario: ReversePriorityScenario) -> PlanarCell:
     truth = scenario.truth(scenario.planar.controller.period)
-    return build_planar(scenario.known(catalog.load(scenario.robot)), scenario.planar, scenario.case, truth)
+    return build_planar(scenario.known(scenario.loaded()), scenario.planar, scenario.case, truth)
 
 
 def run(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:

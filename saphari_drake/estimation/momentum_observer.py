@@ -135,7 +135,8 @@ class MomentumObserver(LeafSystem):
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
     no delay but that of the average: r at a sample uses the momentum of that sample. A mistake of model or friction
     appears as external torque.
-    Identified friction acts beside the torque: `JointFriction`, from the measured way of the joints.
+    Friction acts beside the torque: `JointFriction`, from the measured way of the joints; that of the model file is
+    known from the start, where it is viscous.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """
 
@@ -149,7 +150,7 @@ class MomentumObserver(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
         self._delay = params.delay
         self._kept = int(np.ceil(self._delay))
-        self._friction = joint_friction(params.friction, robot.n)
+        self._friction = joint_friction(params.friction, robot)
         self._share = self.DeclareDiscreteState(robot.n)  # of Coulomb friction
         self._integral = self.DeclareDiscreteState(robot.n)
         self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first

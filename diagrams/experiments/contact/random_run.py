@@ -20,7 +20,6 @@ from experiments.contact.random_judge import (
 )
 from experiments.contact.random_touches import RandomTouch, draw_touch
 from experiments.contact.run import ContactSetup
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.command_line import say
 from saphari_drake.simulation.runner.results import Outcome
@@ -48,7 +47,7 @@ class TrialRun(NamedTuple):
 
 def trial_of(scenario: Any, number: int) -> Trial:
     """Return a trial of a `ContactScenario` with random touches; it is the same on every machine."""
-    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    robot = scenario.loaded(scenario.home)
     drawn = draw_touch(robot, scenario.system.cell.hand, scenario.touches, [scenario.seed, number])
     single = deepcopy(scenario)
     single.home = drawn.home
