@@ -5,14 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.joint_friction import JointFrictionParameters, joint_friction
 from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -146,7 +145,7 @@ class MomentumObserver(LeafSystem):
         self._period = params.period
         self._gain = discrete_gain(diagonal(params.gain, robot.n, "gain"), params.period)
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
         self._delay = params.delay
         self._kept = int(np.ceil(self._delay))

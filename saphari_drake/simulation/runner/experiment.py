@@ -111,9 +111,9 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
-    if options.mcap:
-        if options.out is None:
-            raise ParameterError("--mcap", "needs --out, the folder to write to")
+    if options.also and options.out is None:
+        raise ParameterError(f"--{options.also[0]}", "needs --out, the folder to write to")
+    if "mcap" in options.also:
         require_mcap()
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -125,7 +125,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.mcap)
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -136,7 +136,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, mcap: bool) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, also: list[str]) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
@@ -154,7 +154,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), mcap)
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
     return outcome.passed
 
 

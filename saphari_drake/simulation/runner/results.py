@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,7 +23,7 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.mcap import McapFile
 
 TIMING = re.compile(r"_ms(_|$)|^real_time_factor")
-RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html", "run.mcap")
+RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html", "run.mcap", "replay.gif")
 
 
 @dataclass(frozen=True)
@@ -180,10 +180,14 @@ def prepare_folder(folder: Path, scenario: Any) -> None:
 
 
 def write_outputs(
-    folder: Path, outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool = True, mcap: bool = False
+    folder: Path,
+    outcome: Outcome,
+    scenario_tree: dict[str, Any],
+    seed_matters: bool = True,
+    also: Collection[str] = (),
 ) -> None:
-    """Write the results of a run: metrics.json, log.npz, figure.png, replay.html if there is one, and run.mcap."""
-    metrics, log, picture, page, run = (folder / name for name in RESULTS)
+    """Write metrics.json, log.npz, figure.png and, if there is one, replay.html; `also` names mcap, gif or both."""
+    metrics, log, picture, page, run, animation = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree, seed_matters)
     write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     outcome.log.save(log)
@@ -196,7 +200,10 @@ def write_outputs(
     if outcome.replay is not None:
         with atomic_path(page) as temporary:
             outcome.replay(temporary)
-    if mcap:
+    if "gif" in also and outcome.replay is not None:
+        with atomic_path(animation) as temporary:
+            outcome.replay(temporary)
+    if "mcap" in also:
         with atomic_path(run) as temporary, McapFile(temporary) as file:
             file.add_log(outcome.log)
             if outcome.replay is not None:

@@ -44,7 +44,7 @@ def require_mcap() -> None:
     missing = [name for name in ("mcap_protobuf", "foxglove_schemas_protobuf") if find_spec(name) is None]
     if missing:
         text = f"no package {', '.join(missing)}; it comes with pip install 'saphari_drake[mcap]'"
-        raise ParameterError("--mcap", text)
+        raise ParameterError("mcap", text)
 
 
 class McapFile:

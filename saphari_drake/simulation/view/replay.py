@@ -22,12 +22,14 @@ from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.files import write_text
+from saphari_drake.simulation.view.animation import write_animation
 from saphari_drake.simulation.view.mcap import McapFile
 from saphari_drake.simulation.view.overlays import Arrow, Marker, record_overlay, rows_at
 
 __all__ = ["Arrow", "Marker", "start_meshcat", "write_replay"]
 
 Array = NDArray[np.float64]
+ANIMATION_FPS = 10.0
 
 
 def write_replay(
@@ -41,12 +43,12 @@ def write_replay(
     camera: ArrayLike = ((1.5, 1.1, 1.0), (0.0, 0.0, 0.5)),
     title: str = "",
 ) -> None:
-    """Write one HTML file that plays a log, or add the same to an MCAP file.
+    """Write one HTML file that plays a log, or an animated picture of it, or add it to an MCAP file.
 
     Parameters
     ----------
     path : path or McapFile
-        File to write, or the open file to add to (which has no camera and no title).
+        File to write, animated if it ends in .gif; or the open file to add to (which has no camera and no title).
     build : callable
         Adds a plant and its scene graph to a builder, finalizes it, and returns it.
     times : (T,) array
@@ -75,12 +77,17 @@ def write_replay(
     names = [overlay.name for overlay in overlays]
     if len(set(names)) != len(names):
         raise ParameterError("overlays", f"each needs a name of its own, got {', '.join(names)}")
+    animated = not isinstance(path, McapFile) and Path(path).suffix == ".gif"
+    fps = min(fps, ANIMATION_FPS) if animated else fps
     frame_times = stamps[0] + np.arange(int((stamps[-1] - stamps[0]) * fps + 1e-9) + 1) / fps
     builder = DiagramBuilder()
     plant = build(builder)
     frames = _frames(plant, stamps, q, frame_times)
     if isinstance(path, McapFile):
         path.add_replay(plant, builder.Build(), frame_times, frames, stamps, overlays)
+        return
+    if animated:
+        write_animation(Path(path), builder, plant, frame_times, frames, stamps, overlays, camera)
         return
     meshcat = start_meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     meshcat.StartRecording(fps, set_visualizations_while_recording=False)
