@@ -73,6 +73,13 @@ class Experiment:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
+    def outcome(self, scenario: Any, options: RunOptions) -> Outcome:
+        """Run a scenario; with faults, their metrics come on top."""
+        result = self.run(scenario, options)
+        if not getattr(scenario, "faults", []):
+            return result
+        return replace(result, metrics=[*result.metrics, *fault_metrics(scenario, options.answered.values())])
+
     def seed_matters(self, scenario: Any) -> bool:
         """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
         return scenario.case not in self.seedless or (
@@ -107,7 +114,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
         return PASSED
-    scenarios = _scenarios(experiment, options)
+    scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
@@ -143,9 +150,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     tree = to_tree(scenario)
-    outcome = experiment.run(scenario, options)
-    if getattr(scenario, "faults", []):
-        outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
+    outcome = experiment.outcome(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     if getattr(scenario, "plant", "ideal") != "ideal":
@@ -158,7 +163,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     return outcome.passed
 
 
-def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
+def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
     cases = options.case or list(experiment.cases)
