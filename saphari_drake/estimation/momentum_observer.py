@@ -102,7 +102,7 @@ class _Memory(NamedTuple):
     integral: Array  # (n,) σ
     recent: Array  # (k, n) residuals of the average before the latest, the newest first
     past: Array  # (k, n) torques of the last periods, the newest first
-    count: int  # how many of these are known
+    filled: int  # how many of these are known
     started: bool
 
     def sigma(self, terms: DynamicsTerms) -> Array:
@@ -200,7 +200,7 @@ class MomentumObserver(LeafSystem):
         torque, terms = self._torque.Eval(context), self._dynamics.Eval(context)
         following = np.zeros((2 + self._others + self._kept) * len(torque) + 2)
         if all_finite(torque) and terms.finite:
-            torques, share, rubbing = np.vstack([torque, memory.past[: memory.count]]), memory.share, self._none
+            torques, share, rubbing = np.vstack([torque, memory.past[: memory.filled]]), memory.share, self._none
             if self._rubs:
                 share = self._friction.after(share, self._period * terms.v)
                 rubbing = self._friction.torque(share, terms.v)
