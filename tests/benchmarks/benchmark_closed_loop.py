@@ -1,7 +1,7 @@
 """How long 0.1 s of the closed loop of `contact_impedance` and `null_space_ball` takes, simulated on one pinned core.
 
-Plant, person, sensors, camera, controllers and records, without building and judging. The time of the processor alone,
-which other programs on the machine lengthen less, and the load, are in the notes.
+Plant, person, sensors, camera, controllers and records, without building and judging. The notes tell the rate by the
+processor's own time, which other programs lengthen less, and the load of the machine.
 
 Run: python tests/benchmarks/benchmark_closed_loop.py [--json FILE]
 """
@@ -33,12 +33,12 @@ STRETCH, BEGIN, END = 0.1, 0.5, 4.0  # s; nobody touches before 1.5 s, after tha
 def main() -> None:
     """Simulate stretch after stretch, and print and record the wall time of one."""
     options, timings = benchmark_options(__doc__), Timings()
-    print(f"{'closed loop':34}{'median ms':>11}{'p95 ms':>9}{'× real time':>13}{'processor alone':>17}")
+    print(f"{'closed loop':34}{'median ms':>11}{'p95 ms':>9}{'× real time':>13}{'by processor':>17}")
     for name, diagram, aimed in loops():
         wall, cpu = stretches(diagram)
         rates = [STRETCH / float(np.median(seconds)) for seconds in (wall, cpu)]
-        load = "" if not hasattr(os, "getloadavg") else f"; {os.getloadavg()[0]:.0f} programs ran beside"
-        note = f"{rates[0]:.2f} × real time, of the processor alone {rates[1]:.2f}{load}"
+        load = f"; load of the machine {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+        note = f"{rates[0]:.2f} × real time, by the processor's time {rates[1]:.2f}{load}"
         timings.add(name, wall, None if aimed is None else 1e3 * STRETCH / aimed, note=note)
         median, p95 = (1e3 * float(np.percentile(wall, share)) for share in (50, 95))
         print(f"{name:34}{median:11.1f}{p95:9.1f}{rates[0]:13.2f}{rates[1]:17.2f}")
