@@ -1,6 +1,6 @@
 """From measured joints, wrist load and skin voltages to the torque that follows the hands: Section 6, wired."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
@@ -10,7 +10,7 @@ from saphari_drake.control.hand_guiding.system import HandGuidingController
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
 from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
-from saphari_drake.parameters import require_positive
+from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
@@ -26,9 +26,9 @@ from saphari_drake.safety.joint_envelope.system import JointEnvelope
 
 @dataclass
 class HandGuidingPipelineParameters:
-    """Estimators, controller and switch; they take period and tip from here, whatever theirs were."""
+    """Estimators, controller and switch."""
 
-    # s; the control cycle.
+    # s; the control cycle of all parts, which take it from here.
     period: float = 0.002
     skin: SkinEstimatorParameters = field(default_factory=SkinEstimatorParameters)
     # The guided point of the end effector is the tip of the wrist's wrench: where the hand holds a light handle.
@@ -44,8 +44,7 @@ class HandGuidingPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.skin, self.wrist, self.controller, self.switch, self.observer, self.velocity):
-            part.period = self.period
+        share_period(self, "skin", "wrist", "controller", "switch", "observer", "velocity")
         self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.controller.__post_init__()
 
@@ -94,7 +93,8 @@ def add_hand_guiding_pipeline(
 
     `tool` is what the wrist sensor carries, as identified; default: as the model has it.
     """
-    params = replace(params or HandGuidingPipelineParameters())  # its parts take period and tip
+    params = params or HandGuidingPipelineParameters()
+    params.__post_init__()  # its parts take period and tip
 
     def add(name: str, system: LeafSystem):
         return builder.AddNamedSystem(name, system)

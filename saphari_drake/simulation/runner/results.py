@@ -159,6 +159,7 @@ def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any], seed_matte
         "scenario": scenario_tree,
         "versions": versions(),
         "seed_matters": seed_matters,
+        "files": sorted(outcome.files),
     }
     return _finite(document)
 
@@ -173,10 +174,18 @@ def _finite(value: Any) -> Any:
 
 def prepare_folder(folder: Path, scenario: Any) -> None:
     """Write scenario.yaml and remove the results of an earlier run, so that they cannot pass for those of this one."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in RESULTS:
+    for name in (*_more_files(folder), *RESULTS):
         (folder / name).unlink(missing_ok=True)
     write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
+
+
+def _more_files(folder: Path) -> list[str]:
+    """Names of the files that the run before has written beside those of every run."""
+    try:
+        names = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["files"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [name for name in names if isinstance(name, str) and Path(name).name == name]
 
 
 def write_outputs(
