@@ -21,7 +21,7 @@ from saphari_drake.simulation.record.files import atomic_path, own_folder, write
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
-from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
+from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.mcap import require_mcap
@@ -154,6 +154,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         prepare_folder(folder, scenario)
     tree = to_tree(scenario)
     outcome = experiment.run(scenario, options)
+    outcome, missing = judged_so_far(outcome, scenario.duration < experiment.scenario_for(scenario.case).duration)
     if getattr(scenario, "faults", []):
         outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
     word = "pass" if outcome.passed else "FAIL"
@@ -162,6 +163,8 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         heading += f"\nplant: {scenario.plant}"
     if getattr(scenario, "faults", []):
         heading += f"\nfaults: {', '.join(scenario.faults)}"
+    if missing:
+        word += f" (left out, as the run ended before: {', '.join(missing)})"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
         write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)

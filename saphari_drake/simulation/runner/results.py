@@ -6,7 +6,7 @@ import json
 import platform
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -106,6 +106,13 @@ class Outcome:
     def passed(self) -> bool:
         """Whether every metric that decides meets its bounds."""
         return all(metric.met for metric in self.metrics if metric.decides)
+
+
+def judged_so_far(outcome: Outcome, shortened: bool) -> tuple[Outcome, list[str]]:
+    """Return an outcome without what a shortened run did not come to, metrics that are NaN; and their names."""
+    missing = [metric.name for metric in outcome.metrics if shortened and np.isnan(metric.value)]
+    kept = [metric for metric in outcome.metrics if metric.name not in missing]
+    return replace(outcome, metrics=kept), missing
 
 
 def bound_text(low: float, high: float) -> str:
