@@ -6,30 +6,33 @@ from pathlib import Path
 import numpy as np
 from experiments.guiding import judge
 from experiments.guiding.figures import forces_and_velocities, replay
-from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario, build
+from experiments.guiding.run import GuidingRun, GuidingRuns, build
 from experiments.guiding.touches import skin_metrics
+from experiments.guiding.trials import PANELS, RandomGuidingScenario, draw_guiding, guiding_metrics, run_guiding
+from experiments.trials import run_trials
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.guiding_hands import Pull
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.results import Metric, NothingToJudgeError, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
     "end_effector_first": "the end effector is led; then a hand presses the body",
     "body_first": "the body is led through the skin; then a hand pulls the end effector",
     "recorded": "the end effector is led with the recorded force of a real person; then a hand presses the body",
+    "random": "random postures, order of the hands, and forces of both",
 }
 FIGURES = {"end_effector_first": "layout of Fig. 9", "body_first": "layout of Fig. 10", "recorded": "layout of Fig. 9"}
 SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
 STRONGER = 3.0
 
 
-def scenario_for(case: str) -> GuidingScenario:
+def scenario_for(case: str) -> RandomGuidingScenario:
     """Return the scenario of a case."""
-    scenario = GuidingScenario(case=case)
+    scenario = RandomGuidingScenario(case=case)
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
     # force keep it below what the second hand does. All cases have the same gains; tests/benchmarks/gain_margins.py
     # tells how far they may be off.
@@ -49,27 +52,42 @@ def scenario_for(case: str) -> GuidingScenario:
     return scenario
 
 
-def build_diagram(scenario: GuidingScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+def build_diagram(scenario: RandomGuidingScenario) -> Diagram:
+    """Return the diagram of a scenario; of random trials that of the first one."""
+    if scenario.case == "random":
+        scenario = draw_guiding(scenario, scenario_for, scenario.numbers[0])
     return build(scenario, SYNTHETIC).diagram
 
 
-def run(scenario: GuidingScenario, options: RunOptions) -> Outcome:
+def run(scenario: RandomGuidingScenario, options: RunOptions) -> Outcome:
     """Run a scenario as it is, without the second hand and with a stronger one, and judge it."""
+    if scenario.case == "random":
+        return run_trials(
+            scenario,
+            lambda number, _: run_guiding(draw_guiding(scenario, scenario_for, number), number, SYNTHETIC, options),
+            guiding_metrics,
+            PANELS,
+            f"Hand guiding, {CASES['random']}",
+        )
     runs = GuidingRuns(scenario, SYNTHETIC, options)
     result, alone, stronger = runs.get(), runs.get(0.0), runs.get(STRONGER)
     title = f"Hand guiding, {CASES[scenario.case]}\n({FIGURES[scenario.case]}; dotted: the first hand alone)"
+    metrics, note = limits(result, stronger), ""
+    try:
+        metrics = [*judged(result, alone, stronger), *metrics]
+    except NothingToJudgeError as error:
+        note = str(error)
     return Outcome(
-        judged(result, alone, stronger),
+        metrics,
         result.log,
         lambda: forces_and_velocities(result, alone, title),
         lambda path: replay(result, path, f"Hand guiding: {scenario.case} (orange: end effector, blue: body)"),
+        note=note,
     )
 
 
 def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[Metric]:
     """Return the metrics of the contract, and those that explain them."""
-    scenario = result.setup.scenario
     speeds = [float(np.linalg.norm(judge.true_velocity(result, hand), axis=1).max()) for hand in (0, 1)]
     return [
         Metric("main_task_disturbance", judge.main_task_disturbance(result, alone), "1", high=0.02,
@@ -85,10 +103,14 @@ def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[
         Metric("speed_max_body_m_s", speeds[1], "m/s"),
         Metric("rank_second", float(np.median(_second_rank(result))), "1"),
         Metric("torque_step_max_Nm", judge.torque_step(result), "Nm"),
-        *limit_metrics(result.setup.robot, *(np.vstack([r.fast[name] for r in (result, stronger)])
-                                             for name in ("velocity", "torque_excess"))),
-        Metric("real_time_factor", scenario.duration / result.wall, "1", 0.25, decides=False),
     ]  # fmt: skip
+
+
+def limits(result: GuidingRun, stronger: GuidingRun) -> list[Metric]:
+    """Return how far both runs use the joints' limits, and how fast the first one was."""
+    parts = (np.vstack([run.fast[name] for run in (result, stronger)]) for name in ("velocity", "torque_excess"))
+    factor = result.setup.scenario.duration / result.wall
+    return [*limit_metrics(result.setup.robot, *parts), Metric("real_time_factor", factor, "1", 0.25, decides=False)]
 
 
 def _second_rank(result: GuidingRun) -> np.ndarray:

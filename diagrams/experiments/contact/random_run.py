@@ -54,7 +54,7 @@ def trial_of(scenario: Any, number: int) -> Trial:
     single.pushes, single.aim_spread = [drawn.push], 0.0
     single.duration = drawn.push.start + drawn.push.hold + scenario.touches.watched + 0.2
     single.system.cell.hand.finger_radius = drawn.finger_radius
-    single.seed = scenario.seed + 1000 * number  # of the camera's noise
+    single.seed = scenario.own_seed(number)  # of the camera's noise
     return Trial(number, drawn, single)
 
 
@@ -81,8 +81,7 @@ def run_random(
     title: str,
 ) -> Outcome:
     """Run random touches and judge each; the replay shows the worst of them."""
-    numbers = [scenario.trial] if scenario.trial >= 0 else list(range(scenario.trials))
-    touches: list[JudgedTouch] = []
+    numbers, touches = scenario.numbers, list[JudgedTouch]()
 
     def runs() -> Iterator[TrialRun]:
         for k, number in enumerate(numbers, 1):
@@ -93,7 +92,7 @@ def run_random(
 
     worst = reduce(lambda worst, other: other if other.touch.worse_than(worst.touch) else worst, runs())
     log = touch_log(touches)
-    failed = failures(worst.setup.robot, touches, scenario.seed)
+    failed = failures(worst.setup.robot, touches, scenario)
     if failed:
         say(failed)
     return Outcome(
@@ -101,4 +100,5 @@ def run_random(
         log,
         lambda: figure(log, title),
         lambda path: replay(worst.setup, worst.log, path),
+        {"failures.txt": failed + "\n" if failed else ""},
     )

@@ -75,6 +75,13 @@ class Experiment:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
+    def outcome(self, scenario: Any, options: RunOptions) -> Outcome:
+        """Run a scenario; with faults, their metrics come on top."""
+        result = self.run(scenario, options)
+        if not getattr(scenario, "faults", []):
+            return result
+        return replace(result, metrics=[*result.metrics, *fault_metrics(scenario, options.answered.values())])
+
     def seed_matters(self, scenario: Any) -> bool:
         """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
         return scenario.case not in self.seedless or (
@@ -111,7 +118,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
         return PASSED
-    scenarios = _scenarios(experiment, options)
+    scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
@@ -153,25 +160,22 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     if folder is not None:
         prepare_folder(folder, scenario)
     tree = to_tree(scenario)
-    outcome = experiment.run(scenario, options)
-    outcome, missing = judged_so_far(outcome, scenario.duration < experiment.scenario_for(scenario.case).duration)
-    if getattr(scenario, "faults", []):
-        outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
+    shortened = scenario.duration < experiment.scenario_for(scenario.case).duration
+    outcome = judged_so_far(experiment.outcome(scenario, options), shortened)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     if getattr(scenario, "plant", "ideal") != "ideal":
         heading += f"\nplant: {scenario.plant}"
     if getattr(scenario, "faults", []):
         heading += f"\nfaults: {', '.join(scenario.faults)}"
-    if missing:
-        word += f" (left out, as the run ended before: {', '.join(missing)})"
+    word += f" (not judged: {outcome.note})" if outcome.note else ""
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
         write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
     return outcome.passed
 
 
-def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
+def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
     cases = options.case or list(experiment.cases)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from pydrake.common.yaml import yaml_dump_typed
 
 import saphari_drake
-from saphari_drake.errors import ParameterError
+from saphari_drake.errors import ParameterError, SaphariError
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.mcap import McapFile
@@ -88,6 +88,8 @@ class Outcome:
         Writes the replay to the path, or to the open `McapFile`, that it is given; called only if files are written.
     files : mapping from str to str
         Text of other files, by their names.
+    note : str
+        What is not judged, and why.
     """
 
     metrics: Sequence[Metric]
@@ -95,6 +97,7 @@ class Outcome:
     draw: Callable[[], Figure]
     replay: Callable[[Any], None] | None = None
     files: Mapping[str, str] = field(default_factory=dict)
+    note: str = ""
 
     def __post_init__(self) -> None:
         names = [metric.name for metric in self.metrics]
@@ -108,11 +111,16 @@ class Outcome:
         return all(metric.met for metric in self.metrics if metric.decides)
 
 
-def judged_so_far(outcome: Outcome, shortened: bool) -> tuple[Outcome, list[str]]:
-    """Return an outcome without what a shortened run did not come to, metrics that are NaN; and their names."""
+class NothingToJudgeError(SaphariError):
+    """A run ended before anything happened that is judged."""
+
+
+def judged_so_far(outcome: Outcome, shortened: bool) -> Outcome:
+    """Return an outcome without the metrics that a shortened run did not come to, which are NaN: its note names them."""
     missing = [metric.name for metric in outcome.metrics if shortened and np.isnan(metric.value)]
     kept = [metric for metric in outcome.metrics if metric.name not in missing]
-    return replace(outcome, metrics=kept), missing
+    notes = [outcome.note, f"the run ended before: {', '.join(missing)}" if missing else ""]
+    return replace(outcome, metrics=kept, note="; ".join(note for note in notes if note))
 
 
 def bound_text(low: float, high: float) -> str:

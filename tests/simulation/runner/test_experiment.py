@@ -359,6 +359,14 @@ def test_results_of_an_earlier_run_do_not_outlive_a_failed_one(tmp_path):
     assert "defect: sensor" in (tmp_path / "soft" / "scenario.yaml").read_text()
 
 
+def test_a_shortened_run_judges_what_it_came_to(capsys):
+    """What it did not come to is NaN, and named; in a run of full length it misses."""
+    assert main(toy(), ["--case", "soft", "--set", "defect=nan", "--duration", "0.3"]) == 0
+    told = capsys.readouterr().out
+    assert "soft: pass (not judged: the run ended before: peak_m)" in told and "nan" not in told
+    assert main(toy(), ["--case", "soft", "--set", "defect=nan"]) == 1
+
+
 def test_too_little_memory_is_told(capsys):
     assert main(toy(), ["--case", "soft", "--set", "defect=memory"]) == 2
     assert "case soft: there is not enough memory" in one_error_line(capsys)
