@@ -116,7 +116,7 @@ class NothingToJudgeError(SaphariError):
 
 
 def judged_so_far(outcome: Outcome, shortened: bool) -> Outcome:
-    """Return an outcome without the metrics that a shortened run did not come to, which are NaN: its note names them."""
+    """Return an outcome without metrics that a shortened run did not come to, which are NaN: its note names them."""
     missing = [metric.name for metric in outcome.metrics if shortened and np.isnan(metric.value)]
     kept = [metric for metric in outcome.metrics if metric.name not in missing]
     notes = [outcome.note, f"the run ended before: {', '.join(missing)}" if missing else ""]
