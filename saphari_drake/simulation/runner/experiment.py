@@ -107,7 +107,9 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     except (SaphariError, OSError) as error:
         complain(experiment.name, error)
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Exception) as error:  # a compiler that is interrupted fails in its own way
+        if not (STOP.signal or isinstance(error, KeyboardInterrupt)):
+            raise
         print(f"\n{experiment.name}: interrupted", file=sys.stderr)
         return STOP.status
 
