@@ -79,7 +79,9 @@ def systems() -> dict[type, LeafSystem]:
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
     found |= {SpeedSeparation: SpeedSeparation(robot), PowerForceLimit: PowerForceLimit(robot)}
     found |= {Supervisor: Supervisor(), TorqueChoice: TorqueChoice(robot.n)}
-    found[RobotStation] = RobotStation(robot, open_link(robot.n))
+    link = open_link(robot.n)
+    link.path.unlink()
+    found[RobotStation] = RobotStation(robot, link)
     found[JointVelocity] = JointVelocity(robot, JointVelocityParameters(resolution=1e-4))
     for script, case in DIAGRAMS.items():
         experiment = importlib.import_module(script).EXPERIMENT

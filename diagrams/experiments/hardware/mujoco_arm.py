@@ -1,8 +1,8 @@
 """A robot to test against: franka-sim's server of the FCI over MuJoCo, and a rod that pushes its arm.
 
 Runs in an environment of its own, which has franka-sim but none of this project: ``python mujoco_arm.py JSON`` with the
-fields of `Setting`. The rod's time and the log begin with SIGUSR1. It serves
-until SIGINT or SIGTERM, and then writes what was true to the log.
+fields of `Setting`. The rod's time and the log begin with SIGUSR1. It serves until SIGINT, SIGTERM or the end of who
+started it, and then writes what was true to the log.
 """
 
 import contextlib
@@ -145,7 +145,8 @@ def main() -> int:
             ended.set()
 
     threading.Thread(target=serve, daemon=True).start()
-    while not ended.wait(0.2):
+    parent = os.getppid()
+    while not ended.wait(0.2) and os.getppid() == parent:
         pass
     arm.save()
     server.stop()

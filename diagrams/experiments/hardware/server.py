@@ -66,6 +66,8 @@ class FrankaSim:
             start_new_session=True,
         )
         self.check(60.0)
+        time.sleep(0.2)
+        self.check()  # that was no other server at this address
 
     @property
     def truth(self) -> Path:
