@@ -71,8 +71,16 @@ def run_station(scenario: HardwareScenario, begin: Callable[[], None] = lambda: 
             raise SensorError(process.said() or "the robot tells no position")
         setup = build(scenario, robot.with_home(told["position"]), process.link)
         simulator = Simulator(setup.diagram)
-        begin()
-        followed = follow(simulator, process, scenario.station, scenario.duration)
+        begun = False
+
+        def first() -> bool:
+            nonlocal begun
+            if not begun:
+                begin()
+                begun = True
+            return False
+
+        followed = follow(simulator, process, scenario.station, scenario.duration, first)
         last = process.link.reading.read() or {}
         log = setup.recorder.log(setup.diagram, simulator.get_context())
         counts = {name: float(last[name][0]) for name in ("missed", "late", "longest", "success")}
