@@ -8,6 +8,7 @@ import sys
 
 from experiments.cell.build import build_cell
 from experiments.cell.figures import cell_figure, cell_replay
+from experiments.cell.functions import safety_functions
 from experiments.cell.run import metrics_of, simulate
 from experiments.cell.scenario import CellScenario
 from pydrake.systems.framework import Diagram
@@ -49,6 +50,7 @@ def run(scenario: CellScenario, options: RunOptions) -> Outcome:
         first.slow,
         lambda: cell_figure(first, title),
         lambda path: cell_replay(first, path, title),
+        {"safety_functions.md": safety_functions([run for run in runs if run.way == first.way])},
     )
 
 
