@@ -19,7 +19,6 @@ from experiments.hardware.judge import judged
 from experiments.hardware.run import run_case
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -73,9 +72,9 @@ EXPERIMENT = Experiment(
     build_diagram,
     accepts_model=True,
     seedless=frozenset(CASES),
-    parts=lambda case: ARM,
 )
 
 
 if __name__ == "__main__":
-    sys.exit(main(EXPERIMENT, with_address(sys.argv[1:])))
+    sys.argv[1:] = with_address(sys.argv[1:])
+    sys.exit(main(EXPERIMENT))
