@@ -25,6 +25,7 @@ from saphari_drake.simulation.view.figures import BOUND, CYCLE, blank, legend
 Array = NDArray[np.float64]
 
 FORCE, DEFLECTION, POINT, RETURN = 0.10, 0.10, 0.010, 0.002  # what a touch has to meet: shares, m, m
+HIDDEN_POINT = 0.020  # m, the same of a touch that the camera does not see
 DELAY = 0.05  # s
 VISIBLE_PIXELS, VISIBLE_RADIUS = 12, 0.03  # a touch is seen if so many pixels of the person lie so near (m)
 NEVER = 1.0  # error of what did not happen
@@ -54,7 +55,7 @@ class JudgedTouch(NamedTuple):
         return (
             self.force_error <= FORCE
             and self.deflection_error <= DEFLECTION
-            and self.point_error <= POINT
+            and self.point_error <= (POINT if self.seen else HIDDEN_POINT)
             and self.return_error <= RETURN
         )
 
