@@ -43,9 +43,7 @@ class ContactPipelineParameters:
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     # What finds hidden contacts. The residual's noise is measured; the cone is wide, as fingers hook at edges and the
     # cover's normals are not those of the model.
-    fusion: FusionParameters = field(
-        default_factory=lambda: FusionParameters(torque_sigma=0.05, friction=1.5, modes=6)
-    )
+    fusion: FusionParameters = field(default_factory=lambda: FusionParameters(torque_sigma=0.05, friction=1.5, modes=6))
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)
     # The answer to a contact: an impedance, or a force.

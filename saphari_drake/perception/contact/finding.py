@@ -35,9 +35,9 @@ class Found(NamedTuple):
 class ContactFinder:
     """Follows what the cameras see, and while a touch is felt that they do not see, what explains it best.
 
-    A hidden contact is given once frames of weight `least_weight` tell that what is seen explains less, and as long as its
-    force explains the residual: then J_cᵀF̂ is the torque that is felt, and an answer at that point is one to what is
-    felt, wherever the person is.
+    A hidden contact is given once frames of weight `least_weight` tell that what is seen explains less, while it is not
+    ambiguous and its force explains the residual: then J_cᵀF̂ is the torque that is felt, and an answer at that point is
+    one to what is felt, wherever the person is. Otherwise what is felt is left to whoever answers without a point.
 
     Parameters
     ----------
@@ -82,7 +82,8 @@ class ContactFinder:
     def _hidden(self, track: ContactTrack, evidence: FusionMemory, fusion: Fusion, at: Instant) -> ContactTrack:
         """Follow the best explanation where no camera sees it, if it is one."""
         p, mode = self._fusion, fusion.modes[0] if fusion.modes else None
-        if mode is None or mode.seen or evidence.weight < p.least_weight or not self._law.explains(evidence, fusion):
+        sure = evidence.weight >= p.least_weight and fusion.second_weight <= p.ambiguous
+        if mode is None or mode.seen or not (sure and self._law.explains(evidence, fusion)):
             return ContactTrack()
         place = Place(mode.link, 0.0, mode.p_L, mode.n_L)
         return self._tracker.after(track, [place], at._replace(r=None))

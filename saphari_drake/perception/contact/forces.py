@@ -39,7 +39,9 @@ class ContactForces:
             return force_in_cone(J[0], at.r, inward[0], p.friction, p.rcond)[None]
         lasting, _ = self._lasting(memory, modes)
         s = self._deviations(at, 1.0)
-        return expected_forces_in_cones(J / s, at.r / s, inward, lasting, 1.0, p.force_along, p.force_across, p.friction)[0]
+        return expected_forces_in_cones(
+            J / s, np.asarray(at.r) / s, inward, lasting, 1.0, p.force_along, p.force_across, p.friction
+        )[0]
 
     def pair(self, memory: FusionMemory, seen: Sequence[Mode], at_anchors: Sequence[Mode], single: Mode) -> list[Mode]:
         """Return two seen contacts if they explain the mean residual much better together than any one alone.
@@ -84,7 +86,7 @@ class ContactForces:
 
     def _deviations(self, at: Instant, noise: float) -> Array:
         """Return the deviations (n,) of the residual's noise and of the points together, over the residual's own."""
-        return np.asarray(np.hypot(noise, self._params.usual_force * self._params.vision_sigma / at.sigma))
+        return np.asarray(np.hypot(noise, self._params.usual_force * self._params.vision_sigma / np.asarray(at.sigma)))
 
 
 def in_world(at: Instant, mode: Mode) -> Array:

@@ -27,7 +27,7 @@ from saphari_drake.perception.contact.candidates import rounded, surface_candida
 from saphari_drake.perception.contact.forces import ContactForces, in_world
 from saphari_drake.perception.contact.parameters import FusionParameters
 from saphari_drake.perception.contact.places import Place, View
-from saphari_drake.perception.contact.pointing import Ray, limb_ray, ray_costs
+from saphari_drake.perception.contact.pointing import Ray, limb_ray, limb_rays, ray_costs
 from saphari_drake.perception.contact.refinement import Start, refine
 from saphari_drake.perception.contact.values import NOTHING, Evidence, Fusion, FusionMemory, Mode
 from saphari_drake.robots.model import RobotModel
@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 
 _HOPELESS = 30.0  # a mode of the grid that costs so much more than the best one is not refined
 _GROUP = 2  # frames that the refinement takes as one, with their mean residual
-_LIMB = 200  # about so many of them are fitted by a limb
 _CLOUD = 300  # about so many of the person's points are looked at for the distance of the candidates
 
 
@@ -105,17 +104,8 @@ class ContactFusionLaw:
             return Evidence(at, nothing, nothing, nothing, seen, ())
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
         misfit, spread = kernels.residual_costs(self.robot.tree.parent, at.motion.S, c.link, x, a, at.r, self._model)
-        rays = tuple(ray for view in views for ray in self.rays(view))
+        rays = tuple(ray for view in views for ray in limb_rays(view))
         return Evidence(at, misfit, spread, self.vision_cost(x, a, views, rays), seen, rays)
-
-    def rays(self, view: View) -> tuple[Ray, ...]:
-        """Return where the limb points that a camera sees nearest to the robot, if that is to be seen."""
-        points = view.person.points
-        if len(points) > _LIMB:
-            points = points[:: len(points) // _LIMB + 1]
-        R_WC, p_WC = view.camera.R_WC, view.camera.p_WC
-        shown, end, u, length, radius = limb_ray(view.person.shapes, (points - p_WC) @ R_WC)
-        return (Ray(R_WC @ end + p_WC, R_WC @ u, length, radius),) if shown else ()
 
     def vision_cost(self, x: Array, a: Array, views: Sequence[View], rays: Sequence[Ray] = ()) -> Array:
         """Return what a contact costs at surface points x with inward normals a (m, 3), by what the cameras see."""
@@ -182,8 +172,10 @@ class ContactFusionLaw:
     def explains(self, memory: FusionMemory, fusion: Fusion) -> bool:
         """Whether the forces explain the newest residual, up to its noise and a small share of it."""
         at = memory.frames[-1]
-        left = at.r - sum(at.jacobian(m.link, m.p_L).T @ F for m, F in zip(fusion.modes, fusion.forces))
-        return bool(np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(at.r))
+        left = np.asarray(at.r) - sum(at.jacobian(m.link, m.p_L).T @ F for m, F in zip(fusion.modes, fusion.forces))
+        return bool(
+            np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(np.asarray(at.r))
+        )
 
     def _seen(self, memory: FusionMemory) -> list[Mode]:
         """Return a refined mode for each place where the newest frame sees the person on the surface."""

@@ -88,10 +88,11 @@ class FusionParameters:
     rcond: float = 0.02
     # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
     felt: float = 5.0
-    # A hidden contact is given if its force leaves no more of the residual than noise and this share (0–1), and once the
-    # weights of the frames add up to so much (≥ 1).
+    # A hidden contact is given if its force leaves no more of the residual than noise and this share (0–1), once the
+    # weights of the frames add up to so much (≥ 1), and while the best other place has no more than this probability.
     unexplained: float = 0.1
     least_weight: float = 1.8
+    ambiguous: float = 0.25
     # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches, and
     # that of a fitted limb (m, > 0).
     vision_sigma: float = 0.003
@@ -142,8 +143,16 @@ class FusionParameters:
             "second_distance", "usual_along", "usual_across", "force_along", "force_across",
         )  # fmt: skip
         require_non_negative(
-            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force", "second_cost",
-            "unexplained", "least_weight",
+            self,
+            "width_share",
+            "unseen_cost",
+            "free_cost",
+            "person_cost",
+            "usual_force",
+            "second_force",
+            "second_cost",
+            "unexplained",
+            "least_weight",
         )
         if not 0.0 <= self.memory <= 1.0:
             raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.perception.contact.limb import fit_limb
+from saphari_drake.perception.contact.places import View
 
 Array = NDArray[np.float64]
 
 _REACH = 0.30  # m; readings so near to the nearest one belong to its limb
-_LEAST = 12  # readings of a limb
-_LONG = 2.5  # radii of a limb, from which length on its axis is known
+_LEAST, _MOST = 12, 200  # readings of a limb, and about so many that are fitted
+_LONG = 4.0  # radii of a limb, from which length on its axis is known
 _FACING = -0.2  # cosine between inward normal and limb; a surface that looks away more cannot be touched from there
 
 
@@ -31,6 +32,14 @@ class Ray(NamedTuple):
     u: Array  # (3,) unit, away from the limb
     length: float  # m, of what is seen of the limb
     radius: float  # m
+
+
+def limb_rays(view: View) -> tuple[Ray, ...]:
+    """Return where the limb points that a camera sees nearest to the robot; nothing if that is not to be seen."""
+    points, R_WC, p_WC = view.person.points, view.camera.R_WC, view.camera.p_WC
+    points = points[:: len(points) // _MOST + 1]
+    shown, end, u, length, radius = limb_ray(view.person.shapes, (points - p_WC) @ R_WC)
+    return (Ray(R_WC @ end + p_WC, R_WC @ u, length, radius),) if shown else ()
 
 
 @njit(cache=True)
