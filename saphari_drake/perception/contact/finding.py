@@ -26,10 +26,14 @@ class Found(NamedTuple):
     evidence: FusionMemory | None = None
     fusion: Fusion = NOTHING
 
+    doubted: bool = False  # whether what is seen is not near, and something hidden explains what is felt better
+
     @property
     def contact(self) -> ContactPoint:
         """The contact: where it is hidden if that explains more than what is seen."""
-        return self.hidden.contact if self.hidden.contact.found else self.seen.contact
+        if self.hidden.contact.found:
+            return self.hidden.contact
+        return ContactPoint(stamp=self.seen.contact.stamp) if self.doubted else self.seen.contact
 
 
 class ContactFinder:
@@ -68,7 +72,8 @@ class ContactFinder:
         seen = self._tracked(known.seen, views, at, places)
         evidence = self._law.remember(known.evidence or self._law.empty(), self._law.evidence(at, views))
         fusion = self._law.decide(evidence)
-        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion)
+        doubted = bool(fusion.modes) and not fusion.modes[0].seen and seen.contact.distance > self._fusion.near
+        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, doubted)
 
     def _tracked(
         self, track: ContactTrack, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]
