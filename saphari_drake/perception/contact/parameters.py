@@ -143,21 +143,12 @@ class FusionParameters:
             "second_distance", "usual_along", "usual_across", "force_along", "force_across",
         )  # fmt: skip
         require_non_negative(
-            self,
-            "width_share",
-            "unseen_cost",
-            "free_cost",
-            "person_cost",
-            "usual_force",
-            "second_force",
-            "second_cost",
-            "unexplained",
-            "least_weight",
-        )
-        if not 0.0 <= self.memory <= 1.0:
-            raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
-        if not 0.0 <= self.again <= 1.0:
-            raise ParameterError("again", f"must lie in 0–1, got {self.again}")
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force",
+            "second_cost", "unexplained", "least_weight",
+        )  # fmt: skip
+        for name in ("memory", "again", "ambiguous"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ParameterError(name, f"must lie in 0–1, got {getattr(self, name)}")
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
         if self.free_to <= self.free_from:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _REACH = 0.30  # m; readings so near to the nearest one belong to its limb
 _LEAST, _MOST = 12, 200  # readings of a limb, and about so many that are fitted
-_LONG = 4.0  # radii of a limb, from which length on its axis is known
+_LONG, _SLIM = 0.10, 2.5  # m, and radii of a limb, from which length on its axis is known
 _FACING = -0.2  # cosine between inward normal and limb; a surface that looks away more cannot be touched from there
 
 
@@ -65,7 +65,7 @@ def limb_ray(shapes, point):
         return nothing
     limb = fit_limb(near)
     length = limb.last - limb.first
-    if not length > _LONG * limb.radius:
+    if not length > max(_LONG, _SLIM * limb.radius):
         return nothing
     a, b = limb.c + limb.first * limb.u, limb.c + limb.last * limb.u
     gap_a = nearest_surface_point(shapes.kind, shapes.size, shapes.R, shapes.p, moving, a)[1]
