@@ -26,14 +26,15 @@ class Found(NamedTuple):
     evidence: FusionMemory | None = None
     fusion: Fusion = NOTHING
 
-    doubted: bool = False  # whether what is seen is not near, and something hidden explains what is felt better
+    near: bool = False  # whether what is seen lies so near that it touches, whatever explains the residual better
+    doubted: bool = False  # whether something hidden explains it better
 
     @property
     def contact(self) -> ContactPoint:
-        """The contact: where it is hidden if that explains more than what is seen."""
-        if self.hidden.contact.found:
-            return self.hidden.contact
-        return ContactPoint(stamp=self.seen.contact.stamp) if self.doubted else self.seen.contact
+        """The contact: where it is seen; if only farther away, where it is hidden, if that explains more."""
+        if self.near or not self.doubted:
+            return self.seen.contact
+        return self.hidden.contact if self.hidden.contact.found else ContactPoint(stamp=self.seen.contact.stamp)
 
 
 class ContactFinder:
@@ -72,8 +73,9 @@ class ContactFinder:
         seen = self._tracked(known.seen, views, at, places)
         evidence = self._law.remember(known.evidence or self._law.empty(), self._law.evidence(at, views))
         fusion = self._law.decide(evidence)
-        doubted = bool(fusion.modes) and not fusion.modes[0].seen and seen.contact.distance > self._fusion.near
-        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, doubted)
+        near = seen.contact.found and seen.contact.distance <= self._fusion.near
+        doubted = len(fusion.modes) > 0 and not fusion.modes[0].seen
+        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, near, doubted)
 
     def _tracked(
         self, track: ContactTrack, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]
