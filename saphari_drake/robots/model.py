@@ -17,7 +17,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
 from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.robots.kinematics import Kinematics
-from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
+from saphari_drake.robots.model_file import packages_above, require_physical_inertias, urdf_effort_limits
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
 
@@ -42,7 +42,7 @@ class RobotModel:
     effort_limits : (n,) array or mapping from joint name, optional
         Joint torque (or force) limits; replaces those of the file.
     package_dirs : sequence of paths, optional
-        Folders to search for ``package://`` addresses.
+        Folders to search for ``package://`` addresses, beside those above the file.
 
     Attributes
     ----------
@@ -93,6 +93,9 @@ class RobotModel:
         parser = Parser(plant)
         for folder in self._package_dirs:
             parser.package_map().PopulateFromFolder(str(folder))
+        for name, place in packages_above(self.path).items():
+            if not parser.package_map().Contains(name):
+                parser.package_map().Add(name, str(place))
         try:
             instances = parser.AddModels(str(self.path))
         except RuntimeError as error:

@@ -1,7 +1,8 @@
-"""What Drake does not keep of a model file, or mends without stopping: effort limits and unphysical inertias."""
+"""What Drake does not keep of a model file, does not find, or mends without stopping: limits, packages, inertias."""
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from saphari_drake.errors import ModelError
 
+_ADDRESS, _PACKAGE = re.compile(r"package://([^/\"'<>]+)/"), re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -18,6 +20,25 @@ def urdf_effort_limits(path: Path) -> dict[str, float]:
         return {}
     limits = ((joint.get("name", ""), joint.find("limit")) for joint in ElementTree.parse(path).getroot().iter("joint"))
     return {name: float(limit.get("effort", "inf")) for name, limit in limits if limit is not None}
+
+
+def packages_above(path: Path) -> dict[str, Path]:
+    """Return the folder of each package that a model file names, where one of the folders above the file is it.
+
+    As ROS finds them: a folder of that name, or one whose package.xml has that name.
+    """
+    folders = path.resolve().parents
+    found = {}
+    for name in dict.fromkeys(_ADDRESS.findall(path.read_text(encoding="utf-8", errors="replace"))):
+        places = (place for folder in folders for place in (folder, folder / name) if _is_package(place, name))
+        found.update({name: place for place in [next(places, None)] if place is not None})
+    return found
+
+
+def _is_package(folder: Path, name: str) -> bool:
+    manifest = folder / "package.xml"
+    text = manifest.read_text(encoding="utf-8", errors="replace") if manifest.is_file() else ""
+    return folder.is_dir() and (folder.name == name or name in _PACKAGE.findall(text))
 
 
 def require_physical_inertias(path: Path) -> None:
