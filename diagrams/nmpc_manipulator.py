@@ -7,6 +7,7 @@ from experiments.nmpc.build import NmpcCell, build_nmpc
 from experiments.nmpc.figures import manipulator_figure, nmpc_replay
 from experiments.nmpc.manipulator import ManipulatorParameters, controller_for, judge_manipulator, manipulator_job
 from experiments.nmpc.run import simulate
+from experiments.placement.predictive import place_job
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots import catalog
@@ -72,7 +73,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_job,
     seedless=frozenset(CASES),
     parts=lambda case: ARM,
 )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from experiments.null_space.figures import comparison
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
+from experiments.placement.null_space import place_obstacles
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -85,7 +86,7 @@ def steady_error(result: Run, rows: np.ndarray) -> float:
 
 
 EXPERIMENT = Experiment(
-    "null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+    "null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, adapt=place_obstacles, parts=lambda case: ARM
 )
 
 

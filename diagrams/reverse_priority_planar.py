@@ -1,8 +1,10 @@
-"""Hard and soft unilateral constraints by reverse priority (Section 4, Fig. 4), and three levels on the LWR4."""
+"""Hard and soft unilateral constraints by reverse priority (Section 4, Fig. 4), and three levels on an arm."""
 
 import sys
 from dataclasses import dataclass, field
 
+import numpy as np
+from experiments.placement.priority import place_levels
 from experiments.priority.figures import planar_figure, planar_replay, three_level_figure, three_level_replay
 from experiments.priority.planar import (
     PlanarCell,
@@ -67,7 +69,8 @@ def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
 
 def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
     truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
-    job = three_level_job(scenario.known(catalog.load(scenario.robot)), scenario.arm, scenario.seed)
+    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.arm.home)))
+    job = three_level_job(robot, scenario.arm, scenario.seed)
     return build_three_level(with_faults(job, truth), meshcat, truth)
 
 
@@ -128,6 +131,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
+    adapt=place_levels,
     seedless=frozenset(CASES) - {"three_level"},
     parts=parts_of,
 )

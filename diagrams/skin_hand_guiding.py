@@ -8,6 +8,7 @@ from experiments.guiding import judge
 from experiments.guiding.figures import forces_and_velocities, replay
 from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario, build
 from experiments.guiding.touches import skin_metrics
+from experiments.placement.guiding import place_hands
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -103,7 +104,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_hands,
     parts=lambda case: (*ARM, "skin", "wrist"),
 )
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from saphari_drake.errors import UnknownNameError
+from saphari_drake.robots.arm_file import arm_file
 from saphari_drake.robots.model import RobotModel
 
 
@@ -44,7 +45,7 @@ _HOME = {
 
 
 def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
-    """Return a shipped robot by its name, or any robot by the path of its URDF or SDF.
+    """Return a shipped robot by its name, or the arm in a URDF or SDF by its path (`arm_file`: no gripper's joints).
 
     Parameters
     ----------
@@ -66,5 +67,5 @@ def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike 
         path = models_dir() / name_or_path / f"{name_or_path}.urdf"
         return RobotModel(path, X_WB=X_WB, home=given if given.size else np.deg2rad(_HOME[name_or_path]))
     if Path(name_or_path).suffix.lower() in (".urdf", ".sdf", ".xml"):
-        return RobotModel(name_or_path, X_WB=X_WB, home=given if given.size else None)
+        return RobotModel(arm_file(Path(name_or_path)), X_WB=X_WB, home=given if given.size else None)
     raise UnknownNameError("robot", name_or_path, [*_HOME, "or the path of a .urdf or .sdf file"])

@@ -16,13 +16,14 @@ DRAWN, KEPT, STEPS = 2500, 12, 120
 LOAD = 0.6  # share of the torque limits that gravity may take
 FLOOR, APART = 0.12, 0.02  # m; least height of elbow to tip, least distance of links that are no neighbours
 TIP = (0.45, 0.85)  # shares of the reach, of the tip's distance from the shoulder
+SWIVEL = 0.13  # share of the reach; more motion of the elbow for a unit motion of the joints is no better
 
 
 def bent_home(robot: RobotModel) -> Array:
     """Return a home posture (n,), rad: the best of random ones, each improved in small steps; the same at each call.
 
     Better is: a larger least singular value of the tip's Jacobian (6 × n, lengths in reaches), joints farther from
-    their limits, the elbow above the tip, joints that turn less. The tip is ahead of the base, in the plane y = 0,
+    their limits, the elbow free to move while the tip stays, and above it, joints that turn less. The tip is ahead of the base, in the plane y = 0,
     where the first joint's axis is vertical.
 
     Raises
@@ -85,14 +86,18 @@ def _score(robot: RobotModel, chain: ArmChain, q: Array) -> float:
     away = float(np.linalg.norm(tip - p[chain.shoulder])) / chain.reach
     if not TIP[0] < away < TIP[1] or p[chain.elbow :, 2].min() < FLOOR:
         return -np.inf
-    if np.any(np.abs(terms.g) > LOAD * robot.tau_max) or (_upright(terms.S) and tip[0] < p[0, 0]):
+    ahead = not _upright(terms.S) or (tip[0] > p[0, 0] and abs(tip[1] - p[0, 1]) < 0.01)
+    if not ahead or np.any(np.abs(terms.g) > LOAD * robot.tau_max):
         return -np.inf
     J = np.vstack([terms.point(chain.tip, np.zeros(3)).Jv_WC / chain.reach, (terms.S[:, :3]).T])
     low, high = middle_range(robot, 1.0)
     margin = float((np.minimum(q - low, high - q) / (high - low)).min())
-    able = float(np.linalg.svd(J, compute_uv=False)[5])
+    _, sigma, V = np.linalg.svd(J)
+    # How far the elbow goes, of the reach, a unit motion of the joints that leaves the tip where it is.
+    swivel = terms.point(chain.elbow, np.zeros(3)).Jv_WC @ V[6:].T / chain.reach
+    aside = float(np.linalg.norm(swivel, 2)) if swivel.size else 0.0
     up = float(p[chain.elbow, 2] - tip[2]) / chain.reach
-    return able + 0.5 * min(margin, 0.2) + 0.15 * min(up, 0.3) - 0.06 * float(np.abs(q[1:]).mean())
+    return float(sigma[5]) + 2.0 * min(aside, SWIVEL) + 0.5 * min(margin, 0.2) + 0.15 * min(up, 0.3) - 0.06 * float(np.abs(q[1:]).mean())
 
 
 def _upright(S: Array) -> bool:

@@ -64,6 +64,7 @@ Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timin
     add("--model", type=Path, metavar="FILE", help=model_help)
     add("--plant", metavar="NAME", help="ideal (default), or realistic: friction, delay, noise and a model that is off")
     add("--out", type=Path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
+    add("--no-pictures", action="store_true", help="with --out: neither figure nor replay, which can take long")
     add("--meshcat", action="store_true", help="live view in a browser; prints its address")
     add("--graphviz", type=Path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")
     return result

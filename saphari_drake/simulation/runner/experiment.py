@@ -16,6 +16,8 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
+from saphari_drake.robots import catalog
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.runner.command_line import complain, parser, say
@@ -45,8 +47,9 @@ class Experiment:
         Runs a scenario and returns its outcome.
     build_diagram : callable, optional
         Returns the diagram of a scenario, to be drawn.
-    accepts_model : bool
-        Whether another robot may be given.
+    adapt : callable, optional
+        Fits a case's scenario to another robot, which may be given then; it raises `ModelError` for one that cannot
+        do it. What the scenario file, --set and the other options name comes after.
     seedless : frozenset of str
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     parts : callable
@@ -59,7 +62,7 @@ class Experiment:
     scenario_for: Callable[[str], Any]
     run: Callable[[Any, RunOptions], Outcome]
     build_diagram: Callable[[Any], Diagram] | None = None
-    accepts_model: bool = False
+    adapt: Callable[[Any, RobotModel], None] | None = None
     seedless: frozenset[str] = frozenset()
     parts: Callable[[str], Collection[str]] = lambda case: ()
 
@@ -101,7 +104,7 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
 
 
 def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
-    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.accepts_model).parse_args(argv)
+    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.adapt is not None).parse_args(argv)
     if options.list_cases:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
@@ -120,7 +123,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder)
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, not options.no_pictures)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -131,7 +134,9 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None) -> bool:
+def _run_case(
+    experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, pictures: bool = True
+) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
@@ -149,7 +154,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario))
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), pictures)
     return outcome.passed
 
 
@@ -168,17 +173,15 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
         name: getattr(options, name) for name in ("seed", "duration", "plant") if getattr(options, name) is not None
     }
     if options.model is not None:
-        if not experiment.accepts_model:
+        if experiment.adapt is None:
             raise ParameterError("--model", "this experiment runs with its own robot only")
         if not options.model.is_file():
             raise ParameterError("--model", f"no file '{options.model}'")
         given["robot"] = str(options.model.resolve())
     scenarios = []
     for case in dict.fromkeys(cases):
-        scenario = merged(experiment.scenario_for(case), tree)
-        if options.model is not None and hasattr(scenario, "home") and "home" not in tree:
-            scenario.home = []  # the case's posture is that of the case's robot
-        scenario = with_assignments(merged(scenario, given), options.set)
+        scenario = adapted(experiment, experiment.scenario_for(case), _robot_named(given, options.set, tree))
+        scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
         if not (math.isfinite(scenario.duration) and scenario.duration > 0.0):
@@ -188,6 +191,23 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
         require_faults(getattr(scenario, "faults", []), experiment.parts(case))
         scenarios.append(checked(scenario))
     return scenarios
+
+
+def _robot_named(given: Mapping[str, Any], assignments: Sequence[str], tree: Mapping[str, Any]) -> str:
+    """Return the robot that the user names, or nothing."""
+    for text in assignments[::-1]:
+        path, _, value = text.partition("=")
+        if path.strip() == "robot":
+            return value.strip()
+    return str(given.get("robot") or tree.get("robot") or "")
+
+
+def adapted(experiment: Experiment, scenario: Any, robot: str) -> Any:
+    """Return the scenario of a case fitted to another robot (catalog name or path), if that is not its own already."""
+    if robot and robot != scenario.robot and experiment.adapt is not None:
+        scenario.robot = robot
+        experiment.adapt(scenario, catalog.load(robot))
+    return scenario
 
 
 def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:

@@ -178,18 +178,22 @@ def prepare_folder(folder: Path, scenario: Any) -> None:
     write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
 
 
-def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool = True) -> None:
-    """Write the results of a run: metrics.json, log.npz, figure.png and, if there is one, replay.html."""
+def write_outputs(
+    folder: Path, outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool = True, pictures: bool = True
+) -> None:
+    """Write the results of a run: metrics.json, log.npz and, with `pictures`, figure.png and a replay.html if any."""
     metrics, log, picture, page = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree, seed_matters)
     write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     outcome.log.save(log)
+    for name, text in outcome.files.items():
+        write_text(folder / name, text)
+    if not pictures:
+        return
     figure = outcome.draw()
     FigureCanvasAgg(figure)
     with atomic_path(picture) as temporary:
         figure.savefig(temporary, dpi=150)
-    for name, text in outcome.files.items():
-        write_text(folder / name, text)
     if outcome.replay is not None:
         with atomic_path(page) as temporary:
             outcome.replay(temporary)
