@@ -132,6 +132,7 @@ EXPERIMENT = Experiment(
     run,
     build_diagram,
     adapt=place_levels,
+    own_robot=frozenset(CASES) - {"three_level"},
     seedless=frozenset(CASES) - {"three_level"},
     parts=parts_of,
 )

@@ -39,7 +39,7 @@ def test_the_two_commands_are_printed():
 
 def test_generated_parts_are_what_is_recorded():
     """`report.py --tables` would change nothing."""
-    assert generated(README, RESULTS, BENCHMARKS, FAULTS) == README
+    assert generated(README, RESULTS, BENCHMARKS, FAULTS, ARMS) == README
 
 
 def test_every_figure_of_the_readme_is_recorded():
@@ -64,4 +64,4 @@ def test_a_changed_figure_is_found():
     digit = re.search(r"\d", part[1])
     at = part.start(1) + digit.start()
     changed = README[:at] + str((int(digit[0]) + 1) % 10) + README[at + 1 :]
-    assert generated(changed, RESULTS, BENCHMARKS, FAULTS) == README != changed
+    assert generated(changed, RESULTS, BENCHMARKS, FAULTS, ARMS) == README != changed

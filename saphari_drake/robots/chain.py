@@ -67,7 +67,7 @@ def arm_chain(robot: RobotModel) -> ArmChain:
         raise ModelError(f"{robot.name}: has {n} joints; an arm of six or more is needed")
     if np.any(tree.kind != REVOLUTE):
         names = [name for name, kind in zip(robot.joint_names, tree.kind) if kind != REVOLUTE]
-        raise ModelError(f"{robot.name}: a fixed-base arm of revolute joints is needed; not revolute: {', '.join(names)}")
+        raise ModelError(f"{robot.name}: an arm of revolute joints is needed; not revolute: {', '.join(names)}")
     if np.any(np.asarray(tree.parent) != np.arange(-1, n - 1)):
         raise ModelError(f"{robot.name}: its joints branch; one chain is needed")
     shoulder, wrist = 1, n - 2

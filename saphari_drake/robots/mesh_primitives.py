@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -71,7 +72,7 @@ def _read_obj(text: str) -> Array:
         elif kind == "f":
             corners = [int(word.split("/")[0]) for word in words]
             corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
-            faces += [(corners[0], *pair) for pair in zip(corners[1:], corners[2:])]
+            faces += [(corners[0], *pair) for pair in itertools.pairwise(corners[1:])]
     return np.array(vertices, dtype=float).reshape(-1, 3)[np.array(faces, dtype=int).reshape(-1, 3)]
 
 

@@ -30,8 +30,9 @@ def packages_above(path: Path) -> dict[str, Path]:
     folders = path.resolve().parents
     found = {}
     for name in dict.fromkeys(_ADDRESS.findall(path.read_text(encoding="utf-8", errors="replace"))):
-        places = (place for folder in folders for place in (folder, folder / name) if _is_package(place, name))
-        found.update({name: place for place in [next(places, None)] if place is not None})
+        places = [place for folder in folders for place in (folder, folder / name) if _is_package(place, name)]
+        if places:
+            found[name] = places[0]
     return found
 
 

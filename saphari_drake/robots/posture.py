@@ -1,4 +1,4 @@
-"""A home posture for an arm whose model file has none: bent, able to move every way, clear of itself and of the floor."""
+"""A home posture for an arm whose model file has none: bent, able to move every way, clear of itself and the floor."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ TIP = (0.45, 0.85)  # shares of the reach, of the tip's distance from the should
 SWIVEL = 0.13  # share of the reach; more motion of the elbow for a unit motion of the joints is no better
 
 
-def bent_home(robot: RobotModel) -> Array:
+def bent_home(robot: RobotModel, floor: float = FLOOR) -> Array:
     """Return a home posture (n,), rad: the best of random ones, each improved in small steps; the same at each call.
 
     Better is: a larger least singular value of the tip's Jacobian (6 × n, lengths in reaches), joints farther from
-    their limits, the elbow free to move while the tip stays, and above it, joints that turn less. The tip is ahead of the base, in the plane y = 0,
-    where the first joint's axis is vertical.
+    their limits, the elbow free to move while the tip stays, and above it, joints that turn less. The tip is ahead of
+    the base, in the plane y = 0, where the first joint's axis is vertical. No link from the elbow on is lower than
+    `floor` (m).
 
     Raises
     ------
@@ -34,13 +35,13 @@ def bent_home(robot: RobotModel) -> Array:
     chain, rng = arm_chain(robot), np.random.default_rng(0)
     low, high = middle_range(robot)
     drawn = np.array([_ahead(robot, chain, q) for q in rng.uniform(low, high, (DRAWN, robot.n))])
-    scores = np.array([_score(robot, chain, q) for q in drawn])
+    scores = np.array([_score(robot, chain, q, floor) for q in drawn])
     better = []
     for q in drawn[np.argsort(scores)[::-1][:KEPT]]:
-        best = _score(robot, chain, q)
+        best = _score(robot, chain, q, floor)
         for k in range(STEPS):
             other = _ahead(robot, chain, np.clip(q + 0.3 * 0.97**k * rng.normal(size=robot.n), low, high))
-            score = _score(robot, chain, other)
+            score = _score(robot, chain, other, floor)
             q, best = (other, score) if score > best else (q, best)
         if np.isfinite(best):
             better.append((best, q))
@@ -80,11 +81,11 @@ def _distance(robot: RobotModel, R_WS: Array, p_WS: Array, chosen: NDArray[np.bo
     return float(nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, chosen, p)[1])
 
 
-def _score(robot: RobotModel, chain: ArmChain, q: Array) -> float:
+def _score(robot: RobotModel, chain: ArmChain, q: Array, floor: float) -> float:
     terms = evaluate_dynamics(robot, q, np.zeros(robot.n))
     p, tip = terms.p_WL, terms.p_WL[chain.tip]
     away = float(np.linalg.norm(tip - p[chain.shoulder])) / chain.reach
-    if not TIP[0] < away < TIP[1] or p[chain.elbow :, 2].min() < FLOOR:
+    if not TIP[0] < away < TIP[1] or p[chain.elbow :, 2].min() < floor:
         return -np.inf
     ahead = not _upright(terms.S) or (tip[0] > p[0, 0] and abs(tip[1] - p[0, 1]) < 0.01)
     if not ahead or np.any(np.abs(terms.g) > LOAD * robot.tau_max):
@@ -97,7 +98,8 @@ def _score(robot: RobotModel, chain: ArmChain, q: Array) -> float:
     swivel = terms.point(chain.elbow, np.zeros(3)).Jv_WC @ V[6:].T / chain.reach
     aside = float(np.linalg.norm(swivel, 2)) if swivel.size else 0.0
     up = float(p[chain.elbow, 2] - tip[2]) / chain.reach
-    return float(sigma[5]) + 2.0 * min(aside, SWIVEL) + 0.5 * min(margin, 0.2) + 0.15 * min(up, 0.3) - 0.06 * float(np.abs(q[1:]).mean())
+    bent = 0.06 * float(np.abs(q[1:]).mean())
+    return float(sigma[5]) + 2.0 * min(aside, SWIVEL) + 0.5 * min(margin, 0.2) + 0.15 * min(up, 0.3) - bent
 
 
 def _upright(S: Array) -> bool:

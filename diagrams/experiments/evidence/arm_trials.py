@@ -17,7 +17,7 @@ TRIALS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("contact_force", "compatible", ("--duration", "7.5")),
     ("contact_alone", "links", ("--duration", "4")),
     ("contact_localization", "one_camera", ("--set", "count=24")),
-    ("null_space_ball", "momentum", ("--duration", "7", "--set", "system.cell.ball.dwell=3")),
+    ("null_space_ball", "momentum", ("--duration", "9", "--set", "system.cell.ball.dwell=5")),
     ("null_space_wall", "momentum", ()),
     ("null_space_robustness", "momentum", ("--duration", "9", "--set", "system.cell.ball.dwell=2")),
     ("skin_hand_guiding", "end_effector_first", ()),
@@ -57,8 +57,11 @@ def arm_entry(run: Run) -> dict[str, Any]:
         line = run.complaint.split("error: ", 1)[-1].removeprefix(f"case {run.job.case}: ")
         return {**entry, "made": False, "cannot": line if run.status == BAD_INPUT else f"broke off: {run.complaint}"}
     values, bounds = run.document["metrics"], run.document["bounds"]
-    decisive = [name for name, decides in run.document["decides"].items() if decides]
-    missed = {name: {"value": values[name], "bound": bounds[name]} for name in decisive if _missed(values[name], bounds[name])}
+    missed = {
+        name: {"value": values[name], "bound": bounds[name]}
+        for name, decides in run.document["decides"].items()
+        if decides and _missed(values[name], bounds[name])
+    }
     return {**entry, "made": True, "passed": run.status == 0, "missed": missed}
 
 

@@ -63,8 +63,8 @@ def points_along(
 ) -> tuple[TestPoint, ...]:
     """Return test points along a robot's chain.
 
-    Those of Section 3 if published and the robot has their frames; otherwise the last `count` of: the places of the joints, the end effector, and
-    the middle between two of them on links longer than 0.25 m.
+    Those of Section 3 if published and the robot has their frames; otherwise the last `count` of: the places of the
+    joints, the end effector, and the middle between two of them on links longer than 0.25 m.
     """
     names = {point.frame for point in ARM_POINTS}
     if published and names <= set(robot.link_names):

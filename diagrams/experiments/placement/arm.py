@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from saphari_drake.robots.chain import ArmChain, arm_chain
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.robots.posture import bent_home, is_home
+from saphari_drake.robots.posture import FLOOR, bent_home, is_home
 
 Array = NDArray[np.float64]
 LWR4_REACH = 0.79  # m; the experiments were laid out for an arm of this reach
+LWR4_TIP_MASS, MOST_GAIN = 2.34, 5.0  # kg, least effective mass of its tip; – , so that a cycle of 2 ms still suffices
 NULL_SPACE_RATE, NULL_SPACE_DAMPING, NULL_SPACE_LOAD = 3.0, 1.2, 0.5
 
 
@@ -65,24 +66,29 @@ class PlacedArm(NamedTuple):
         return np.asarray(self.terms.p_WL[[chain.shoulder, chain.elbow, chain.wrist]].mean(axis=0))
 
 
-def placed_arm(robot: RobotModel) -> PlacedArm:
-    """Return an arm at its own home, or at one that is found for it.
+def placed_arm(robot: RobotModel, floor: float = FLOOR) -> PlacedArm:
+    """Return an arm at its own home, or at one that is found for it, from the elbow on not lower than `floor` (m).
 
     Raises
     ------
     ModelError
         If it is no fixed-base arm with shapes and limits.
     """
-    home = robot.home if is_home(robot) else bent_home(robot)
+    home = robot.home if is_home(robot) else bent_home(robot, floor)
     degrees = np.round(np.rad2deg(home), 2)
     robot = robot.with_home(np.deg2rad(degrees))
     terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
     return PlacedArm(robot, arm_chain(robot), terms, degrees.tolist())
 
 
-def place_arm(scenario: Any, robot: RobotModel) -> None:
-    """Set the posture of a scenario that has nothing else to be fitted to an arm."""
-    scenario.home = placed_arm(robot).home_deg
+def task_gain_ratio(arm: PlacedArm) -> float:
+    """Return how much larger the gains over inertia have to be, ≥ 1, for the tip to resist a force as the LWR4's does.
+
+    A law ẍ = −K_p e answers an unexplained force F with e = Λ⁻¹ F / K_p: an arm with a lighter tip needs more.
+    """
+    J = arm.terms.point(arm.chain.tip, np.zeros(3)).Jv_WC
+    lightest = 1.0 / float(np.linalg.eigvalsh(J @ np.linalg.solve(arm.terms.M, J.T))[-1])
+    return min(max(LWR4_TIP_MASS / lightest, 1.0), MOST_GAIN)
 
 
 def null_space_gains(arm: PlacedArm) -> tuple[list[float], list[float]]:

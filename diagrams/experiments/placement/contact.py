@@ -51,7 +51,8 @@ def pushes_along(scenario: Any, arm: PlacedArm, like: Sequence[Push], wanted: in
     ModelError
         If no link can be pushed along so many.
     """
-    cell, kept = scenario.system, []
+    cell = scenario.system
+    kept: list[Push] = []
     for link in touchable(arm)[::-1]:
         found = [push_on(arm, cell.camera, cell.cell.hand, link, axis) for axis in THREE]
         kept = max(kept, [push for push in found if push is not None], key=len)

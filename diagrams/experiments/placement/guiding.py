@@ -37,7 +37,8 @@ def skin_patch(arm: PlacedArm, layout: SkinLayoutParameters) -> None:
     if best is None:
         names = ", ".join(arm.robot.link_names[max(chain.upper_arm, 1) : chain.forearm + 1])
         raise ModelError(
-            f"{arm.robot.name}: no round shape of {2.0 * need:g} m by {2.0 * MIN_CURVATURE_RADIUS:g} m for the skin on {names}"
+            f"{arm.robot.name}: no round shape of {2.0 * need:g} m by {2.0 * MIN_CURVATURE_RADIUS:g} m "
+            f"for the skin on {names}"
         )
     link = int(shapes.link[best])
     R_WS = arm.terms.R_WL[link] @ shapes.R_LS[best]
@@ -52,7 +53,7 @@ def skin_patch(arm: PlacedArm, layout: SkinLayoutParameters) -> None:
 
 
 def place_hands(scenario: Any, robot: RobotModel) -> None:
-    """Fit a `GuidingScenario`: posture, skin, wrist sensor, and the pulls of the end effector along the arm's own axes."""
+    """Fit a `GuidingScenario`: posture, skin, wrist sensor, and the pulls of the end effector along the arm's axes."""
     arm = placed_arm(robot)
     scenario.home = arm.home_deg
     system = scenario.system

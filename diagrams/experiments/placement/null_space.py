@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.placement.arm import PlacedArm, null_space_gains, placed_arm
+from experiments.placement.arm import PlacedArm, null_space_gains, placed_arm, task_gain_ratio
 from saphari_drake.errors import ModelError, ParameterError
 from saphari_drake.math.primitives import CAPSULE, CYLINDER
 from saphari_drake.robots.model import RobotModel
@@ -67,6 +67,8 @@ def place_obstacles(scenario: Any, robot: RobotModel) -> None:
     scenario.home = arm.home_deg
     controller, cell = scenario.system.controller, scenario.system.cell
     controller.null_stiffness, controller.null_damping = null_space_gains(arm)
+    ratio = task_gain_ratio(arm)
+    controller.K_p, controller.K_v = ratio * controller.K_p, np.sqrt(ratio).item() * controller.K_v
     # Ball and wall come from the side to which the tip moves, so that the elbow runs into the wall.
     side = -touch.direction if touch.direction @ arm.aside > 0.0 else touch.direction
     place = _open_side(arm, touch, side, cell.ball.radius)

@@ -19,7 +19,7 @@ from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 Points = tuple[TestPoint, ...]
-ROOM = 0.03  # m; obstacles are so much farther than d_min from the arm at the start, and from where it can be at the end
+ROOM = 0.03  # m; obstacles are so much farther than d_min from the arm at the start, and where it can be at the end
 NEAR = (0.08, 0.11, 0.14, 0.17, 0.19)  # m; how near the arm would come to an obstacle
 TURNS = (90.0, 120.0)  # deg; larger turns to the goal where the first one leaves no room
 STEP, TURN = 0.03, 1.5  # rad; steps of a self-motion, and how far it goes
@@ -49,7 +49,7 @@ def place_job(scenario: Any, robot: RobotModel) -> None:
         if first is not None:
             break
     else:
-        raise ModelError(f"{robot.name}: no obstacle found that is {job.d_min} m clear of start and goal, and in its way")
+        raise ModelError(f"{robot.name}: no obstacle found {job.d_min} m clear of start and goal, and in its way")
     job.goal_deg = np.rad2deg(goal).tolist()
     halfway = _at(robot, points, 0.5 * (start + goal))
     above = halfway[len(points) // 2 + 1] + [0.0, 0.0, 0.3]
@@ -73,17 +73,15 @@ def _beside_goal(arm: PlacedArm, points: Points, start: Array, goal: Array, d_mi
     ways = [_self_motion(arm, goal, side) for side in (1.0, -1.0)]
     places = [np.array([_at(robot, points, q) for q in way]) for way in ways]
     for near in NEAR:
-        for toward, away in ((0, 1), (1, 0)):
-            if len(places[away]) < 2:
-                continue
-            moves = at_goal - places[away][1]
+        for away in (way for way in places if len(way) > 1):
+            moves = at_goal - away[1]
             order = np.argsort(np.linalg.norm(moves, axis=1))[::-1]
             for m in order[:2]:
                 size = float(np.linalg.norm(moves[m]))
                 if size < 1e-4:
                     continue
                 obstacle = at_goal[m] + near * moves[m] / size
-                if _clear(at_start, obstacle, d_min) and any(_clear(p, obstacle, d_min) for p in places[away]):
+                if _clear(at_start, obstacle, d_min) and any(_clear(p, obstacle, d_min) for p in away):
                     yield obstacle
 
 
@@ -110,7 +108,7 @@ def _self_motion(arm: PlacedArm, goal: Array, side: float) -> list[Array]:
 
 
 def _beside_way(arm: PlacedArm, points: Points, start: Array, goal: Array, d_min: float) -> Iterator[Array]:
-    """Obstacles clear of start and goal that the straight way comes too near to, the nearest first: above it, outside."""
+    """Obstacles clear of start and goal that the straight way comes too near to, the nearest first."""
     robot = arm.robot
     at_start, at_goal, half = (_at(robot, points, q) for q in (start, goal, 0.5 * (start + goal)))
     out = half[-1] - arm.terms.p_WL[0]

@@ -7,20 +7,11 @@ from typing import Any
 import numpy as np
 
 from experiments.placement.arm import placed_arm
-from saphari_drake.errors import ModelError
 from saphari_drake.robots.model import RobotModel
 
 
 def place_levels(scenario: Any, robot: RobotModel) -> None:
-    """Fit a scenario of the case three_level: posture, guarded frames, path, person and the elbow's region.
-
-    Raises
-    ------
-    ModelError
-        For the planar cases, and for what is no arm.
-    """
-    if scenario.case != "three_level":
-        raise ModelError(f"case {scenario.case} is of the planar arm; another arm takes --case three_level")
+    """Fit a scenario of the case three_level: posture, guarded frames, path, person and the elbow's region."""
     arm = placed_arm(robot)
     names, chain, params, scale = robot.link_names, arm.chain, scenario.arm, min(arm.scale, 1.0)
     params.home, params.tip, params.elbow_frame = arm.home_deg, names[chain.tip], names[chain.elbow]

@@ -78,9 +78,7 @@ def _facing_point(arm: PlacedArm, link: int, d: Array, rng: np.random.Generator)
     return p_W, n_W
 
 
-def _felt(
-    arm: PlacedArm, camera: CameraParameters, link: int, p_W: Array, n_W: Array, d: Array, force: float
-) -> float:
+def _felt(arm: PlacedArm, camera: CameraParameters, link: int, p_W: Array, n_W: Array, d: Array, force: float) -> float:
     """How well a push at a point is felt, seen and answered, far better above `MASS`; −∞ if it is not."""
     facing = float(-n_W @ d)
     if facing < np.cos(SLANT) or p_W[2] < FLOOR:

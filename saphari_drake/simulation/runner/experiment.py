@@ -50,6 +50,8 @@ class Experiment:
     adapt : callable, optional
         Fits a case's scenario to another robot, which may be given then; it raises `ModelError` for one that cannot
         do it. What the scenario file, --set and the other options name comes after.
+    own_robot : frozenset of str
+        Cases that are of their own robot, whatever `adapt` does for the others.
     seedless : frozenset of str
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     parts : callable
@@ -63,13 +65,19 @@ class Experiment:
     run: Callable[[Any, RunOptions], Outcome]
     build_diagram: Callable[[Any], Diagram] | None = None
     adapt: Callable[[Any, RobotModel], None] | None = None
+    own_robot: frozenset[str] = frozenset()
     seedless: frozenset[str] = frozenset()
     parts: Callable[[str], Collection[str]] = lambda case: ()
 
     def __post_init__(self) -> None:
-        for case in self.seedless:
+        for case in self.seedless | self.own_robot:
             if case not in self.cases:
                 raise UnknownNameError("case", case, self.cases)
+
+    @property
+    def others(self) -> list[str]:
+        """The cases that another robot can be given to."""
+        return [case for case in self.cases if case not in self.own_robot]
 
     def described(self, case: str) -> str:
         """Return what a case is, and whether a seed changes nothing in it."""
@@ -104,7 +112,9 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
 
 
 def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
-    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.adapt is not None).parse_args(argv)
+    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.adapt is not None).parse_args(
+        argv
+    )
     if options.list_cases:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
@@ -161,7 +171,7 @@ def _run_case(
 def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
-    cases = options.case or list(experiment.cases)
+    cases = options.case or (list(experiment.cases) if options.model is None else experiment.others)
     if "case" in tree:
         if options.case not in (None, [tree["case"]]):
             raise ParameterError("--case", f"{options.scenario} is a scenario of case '{tree['case']}'")
@@ -173,6 +183,10 @@ def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]
         name: getattr(options, name) for name in ("seed", "duration", "plant") if getattr(options, name) is not None
     }
     if options.model is not None:
+        for case in set(cases) & experiment.own_robot:
+            raise ParameterError(
+                "--model", f"case {case} is of its own robot; another one takes {', '.join(experiment.others)}"
+            )
         if experiment.adapt is None:
             raise ParameterError("--model", "this experiment runs with its own robot only")
         if not options.model.is_file():
