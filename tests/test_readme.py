@@ -13,6 +13,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = read_results(ROOT / "diagrams" / "results.json")
 BENCHMARKS = read_results(ROOT / "diagrams" / "benchmarks.json")
 FAULTS = read_results(ROOT / "diagrams" / "faults.json")
+ARMS = read_results(ROOT / "diagrams" / "arms.json")
 
 
 def numbers_typed(text):

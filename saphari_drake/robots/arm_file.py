@@ -6,27 +6,40 @@ import hashlib
 import os
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
 
 from saphari_drake.errors import ModelError
+from saphari_drake.robots import catalog
+from saphari_drake.robots.assembly import add_packages
+from saphari_drake.robots.attached import ModelOptions
 from saphari_drake.robots.mesh_primitives import fit_capsules, read_triangles
-from saphari_drake.robots.model_file import packages_above
+from saphari_drake.robots.model import RobotModel
 
 Element = ElementTree.Element
 MOVING = ("revolute", "continuous", "prismatic")
 _PAINT = {"name": "arm"}
 
 
-def arm_file(path: Path) -> Path:
+def load_arm(name_or_path: str, home: ArrayLike = (), options: ModelOptions | None = None) -> RobotModel:
+    """Return a shipped robot by its name, or the bare arm of a model file (`arm_file`), as `catalog.load` does."""
+    options = options or ModelOptions()
+    path = arm_file(Path(name_or_path), options.package_dirs, hold=not options.joints)
+    return catalog.load(str(path) if path.is_file() else name_or_path, home=home, options=options)
+
+
+def arm_file(path: Path, package_dirs: Sequence[str | Path] = (), hold: bool = True) -> Path:
     """Return a URDF of the bare arm in a model file: the file itself where nothing has to change.
 
     Joints of a gripper (all beyond the first link that carries two chains, and those that mimic another) are held at
     zero. Meshes become capsules (`fit_capsules`), of which the plant, the camera and the controllers then know alike;
-    links without collision shapes get theirs from what is drawn, if no link has any.
+    links without collision shapes get theirs from what is drawn, if no link has any. `hold`: whether a gripper is held.
 
     Raises
     ------
@@ -39,7 +52,7 @@ def arm_file(path: Path) -> Path:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError:
         return path  # the parser of the model tells what is wrong
-    held = _gripper(root)
+    held = _gripper(root) if hold else []
     meshes = list(root.iter("mesh"))
     if not held and not meshes:
         return path
@@ -52,7 +65,9 @@ def arm_file(path: Path) -> Path:
     for transmission in [t for t in root.iter("transmission") if any(j.get("name") in fixed for j in t.iter("joint"))]:
         root.remove(transmission)
     if meshes:
-        _replace_meshes(root, path)
+        parser = Parser(MultibodyPlant(0.0))
+        add_packages(parser, path, package_dirs)
+        _replace_meshes(root, path, parser.package_map())
     return _kept(ElementTree.tostring(root, encoding="unicode"), path)
 
 
@@ -85,8 +100,7 @@ def _end(joint: Element, tag: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _replace_meshes(root: Element, path: Path) -> None:
-    packages = packages_above(path)
+def _replace_meshes(root: Element, path: Path, packages: PackageMap) -> None:
     drawn = not any(True for _ in root.iter("collision"))
     for link in root.findall("link"):
         sources = link.findall("visual" if drawn else "collision")
@@ -102,7 +116,7 @@ def _replace_meshes(root: Element, path: Path) -> None:
                     ElementTree.SubElement(material, "color", {"rgba": "0.55 0.57 0.60 1"})
 
 
-def _shapes(source: Element, path: Path, packages: dict[str, Path]) -> Iterator[tuple[Element, Element]]:
+def _shapes(source: Element, path: Path, packages: PackageMap) -> Iterator[tuple[Element, Element]]:
     """Origin and geometry of what stands for a collision (or visual) element."""
     origin, geometry = source.find("origin"), source.find("geometry")
     if geometry is None:
@@ -138,12 +152,12 @@ def _words(values: np.ndarray) -> str:
     return " ".join(f"{value:.9f}" for value in values)
 
 
-def _mesh_path(address: str, path: Path, packages: dict[str, Path]) -> Path:
+def _mesh_path(address: str, path: Path, packages: PackageMap) -> Path:
     if address.startswith("package://"):
         name, _, rest = address.removeprefix("package://").partition("/")
-        if name not in packages:
+        if not packages.Contains(name):
             raise ModelError(f"{path}: no folder above it is the package '{name}' of {address}")
-        return packages[name] / rest
+        return Path(packages.GetPath(name)) / rest
     return path.parent / address.removeprefix("file://")
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, LeafSystem
 
 from saphari_drake.math.tree import tree_dynamics, tree_kinematics
 from saphari_drake.robots.kinematics import Kinematics
@@ -59,6 +60,31 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
     motion = tree_kinematics(robot.tree, q, v)
     M, Cv, CTv, g, p = tree_dynamics(robot.tree, motion, v)
     return DynamicsTerms(**motion._asdict(), q=q, v=v, M=M, Cv=Cv, CTv=CTv, g=g, p=p)
+
+
+class DynamicsInput:
+    """The input port `dynamics` of a system; what is of a robot with other joints counts as not known.
+
+    Parameters
+    ----------
+    system : LeafSystem
+        Gets the port.
+    terms : DynamicsTerms
+        Of any state of its robot.
+    """
+
+    def __init__(self, system: LeafSystem, terms: DynamicsTerms) -> None:
+        self._port = system.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._unknown = terms.unknown()
+
+    def Eval(self, context: Context) -> Any:
+        """Return the terms of a Context."""
+        terms: DynamicsTerms = self._port.Eval(context)
+        return terms if terms.M.shape == self._unknown.M.shape else self._unknown
+
+    def ticket(self) -> DependencyTicket:
+        """Return the port's ticket."""
+        return self._port.ticket()
 
 
 class RobotDynamics(LeafSystem):

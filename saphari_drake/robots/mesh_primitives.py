@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.eigen_geometry import AngleAxis
 
 from saphari_drake.errors import ModelError
+from saphari_drake.robots.mesh_files import read_collada, read_stl
 
 Array = NDArray[np.float64]
 SPLITS = 2  # a mesh becomes at most 2**SPLITS capsules
@@ -20,7 +19,6 @@ WORTH = 0.75  # a split must save a quarter of the volume
 QUANTILE = 0.97  # share of the surface that lies inside; a thin rim does not make a capsule thick
 SMALLEST = 0.004  # m, radius
 SAMPLES = 3000
-_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
 class FittedCapsule(NamedTuple):
@@ -33,7 +31,7 @@ class FittedCapsule(NamedTuple):
 
 
 def read_triangles(path: Path) -> Array:
-    """Return the triangles (k, 3, 3) of an .stl, .obj or .dae file; of a .dae, in m, each is a point of the surface.
+    """Return the triangles (k, 3, 3) of an .stl, .obj or .dae file.
 
     Raises
     ------
@@ -42,30 +40,22 @@ def read_triangles(path: Path) -> Array:
     """
     if not path.is_file():
         raise ModelError(f"no mesh file '{path}'")
-    if path.suffix.lower() == ".stl":
-        triangles = _read_stl(path.read_bytes())
-    elif path.suffix.lower() == ".obj":
-        triangles = _read_obj(path.read_text(encoding="utf-8", errors="replace"))
-    elif path.suffix.lower() == ".dae":
-        triangles = np.repeat(_read_dae(ElementTree.parse(path).getroot())[:, None], 3, axis=1)
-    else:
+    readers = {".stl": read_stl, ".dae": read_collada, ".obj": _read_obj}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
         raise ModelError(f"{path}: a mesh for collisions is read from .stl, .obj or .dae, not from '{path.suffix}'")
-    if len(triangles) == 0 or not np.isfinite(triangles).all():
+    try:
+        triangles = reader(path)
+    except (ValueError, KeyError, IndexError, ElementTree.ParseError) as error:
+        raise ModelError(f"{path}: no mesh can be read from it: {error}") from error
+    if len(triangles) == 0:
         raise ModelError(f"{path}: holds no triangles")
     return triangles
 
 
-def _read_stl(data: bytes) -> Array:
-    count = int.from_bytes(data[80:84], "little")
-    if len(data) >= 84 + 50 * count and (count > 0 or not data.startswith(b"solid")):
-        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
-        return np.frombuffer(data, kind, count, 84)["corners"].astype(float)
-    return np.array(_VERTEX.findall(data), dtype=float).reshape(-1, 3, 3)
-
-
-def _read_obj(text: str) -> Array:
+def _read_obj(path: Path) -> Array:
     vertices, faces = [], []
-    for line in text.splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         kind, *words = line.split() or [""]
         if kind == "v":
             vertices.append([float(word) for word in words[:3]])
@@ -74,51 +64,6 @@ def _read_obj(text: str) -> Array:
             corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
             faces += [(corners[0], *pair) for pair in itertools.pairwise(corners[1:])]
     return np.array(vertices, dtype=float).reshape(-1, 3)[np.array(faces, dtype=int).reshape(-1, 3)]
-
-
-def _read_dae(root: ElementTree.Element) -> Array:
-    """Vertices (k, 3), m, of all geometries that a COLLADA scene shows, where its nodes put them."""
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
-    vertices = {}
-    for geometry in root.iter("geometry"):
-        inputs = [i for v in geometry.iter("vertices") for i in v.iter("input") if i.get("semantic") == "POSITION"]
-        wanted = {i.get("source", "")[1:] for i in inputs}
-        arrays = [source.find("float_array") for source in geometry.iter("source") if source.get("id") in wanted]
-        texts = [array.text or "" for array in arrays if array is not None]
-        numbers = [np.array(text.split(), dtype=float).reshape(-1, 3) for text in texts]
-        vertices[f"#{geometry.get('id')}"] = np.concatenate([np.empty((0, 3)), *numbers])
-    found: list[Array] = [np.empty((0, 3))]
-
-    def visit(node: ElementTree.Element, T: Array) -> None:
-        for child in node:
-            T = T @ _dae_transform(child)
-        for instance in node.findall("instance_geometry"):
-            found.append(vertices.get(instance.get("url", ""), np.empty((0, 3))) @ T[:3, :3].T + T[:3, 3])
-        for child in node.findall("node"):
-            visit(child, T)
-
-    for scene in root.iter("visual_scene"):
-        for node in scene.findall("node"):
-            visit(node, np.eye(4))
-    unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "Y_UP").strip()
-    p = np.concatenate(found) * (1.0 if unit is None else float(unit.get("meter", "1")))
-    return np.column_stack([p[:, 0], -p[:, 2], p[:, 1]]) if up == "Y_UP" else p
-
-
-def _dae_transform(element: ElementTree.Element) -> Array:
-    T = np.eye(4)
-    if element.tag in ("matrix", "translate", "scale", "rotate"):
-        numbers = np.array((element.text or "").split(), dtype=float)
-        if element.tag == "matrix":
-            T = numbers.reshape(4, 4)
-        elif element.tag == "translate":
-            T[:3, 3] = numbers
-        elif element.tag == "scale":
-            T[:3, :3] = np.diag(numbers)
-        elif np.linalg.norm(numbers[:3]) > 0.0:
-            T[:3, :3] = AngleAxis(np.deg2rad(numbers[3]), numbers[:3] / np.linalg.norm(numbers[:3])).rotation()
-    return T
 
 
 def fit_capsules(triangles: Array) -> list[FittedCapsule]:

@@ -52,9 +52,11 @@ def bent_home(robot: RobotModel, floor: float = FLOOR) -> Array:
 
 
 def is_home(robot: RobotModel) -> bool:
-    """Return whether the robot has a home that is not merely all joints at zero, inside its limits."""
-    inside = np.all((robot.home > robot.q_min) & (robot.home < robot.q_max))
-    return bool(inside and np.any(robot.home != 0.0))
+    """Return whether the robot has a home of its own: not zero for each joint, or the middle where zero is outside."""
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * (robot.q_min + robot.q_max)
+    bare = np.where((robot.q_min <= 0.0) & (robot.q_max >= 0.0), 0.0, middle)
+    return not np.allclose(robot.home, bare)
 
 
 def clear_of_itself(robot: RobotModel, q: Array, apart: float = APART) -> bool:

@@ -8,7 +8,6 @@ from saphari_drake.errors import ModelError
 from saphari_drake.robots.arm_file import arm_file
 from saphari_drake.robots.mesh_primitives import fit_capsules, read_triangles
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.robots.model_file import packages_above
 
 
 def tube(radius, half, count=40):
@@ -24,14 +23,12 @@ def tube(radius, half, count=40):
 
 
 def hand_on_arm(folder, geometry=""):
-    """Write two joints with two fingers on them, one of which mimics the other."""
-    mimic = joint("right", "palm", "finger_b", "prismatic", "0 -1 0").replace(
-        "</joint>", '<mimic joint="left"/></joint>'
-    )
+    """Write two joints with two fingers on them."""
     return write_urdf(
         folder, link("base"), link("upper", extra=geometry), link("palm"), link("finger_a"), link("finger_b"),
         joint("one", "base", "upper"), joint("two", "upper", "palm"),
-        joint("left", "palm", "finger_a", "prismatic", "0 1 0"), mimic, name="handy",
+        joint("left", "palm", "finger_a", "prismatic", "0 1 0"), joint("right", "palm", "finger_b", "prismatic", "0 -1 0"),
+        name="handy",
     )  # fmt: skip
 
 
@@ -57,7 +54,8 @@ def test_mesh_becomes_the_capsule_it_has_the_shape_of(tmp_path):
     robot = RobotModel(arm_file(hand_on_arm(tmp_path, f"<collision>{mesh}</collision>")))
     shapes = robot.shapes
     assert shapes.count == 1 and shapes.link[0] == 0
-    np.testing.assert_allclose(shapes.size[0, :2], [0.05, 0.15], atol=0.012)
+    # The last 3 % of the surface at each end are left out.
+    np.testing.assert_allclose(shapes.size[0, :2], [0.05, 0.15], atol=0.016)
     np.testing.assert_allclose(shapes.p_LS[0], [0.1, 0.0, 0.3], atol=0.003)
     assert abs(shapes.R_LS[0][:, 2] @ [np.sin(0.4), 0.0, np.cos(0.4)]) > 0.999
 
@@ -80,12 +78,3 @@ def test_mesh_without_triangles_is_refused(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(ModelError, match=r"a\.\w+: "):
         read_triangles(tmp_path / name)
-
-
-def test_package_is_a_folder_above_by_name_or_manifest(tmp_path):
-    folder = tmp_path / "stack" / "arm_description" / "urdf"
-    folder.mkdir(parents=True)
-    (tmp_path / "stack" / "package.xml").write_text("<package><name> my_stack </name></package>")
-    path = folder / "arm.urdf"
-    path.write_text('"package://my_stack/a.stl" "package://arm_description/b.stl" "package://elsewhere/c.stl"')
-    assert packages_above(path) == {"my_stack": tmp_path / "stack", "arm_description": folder.parent}

@@ -12,7 +12,6 @@ from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.law import FusionParameters
 from saphari_drake.perception.contact.parameters import LocalizerParameters
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 
 CASES = {
@@ -71,7 +70,7 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
 
 def build_scenes(scenario: ContactLocalizationScenario) -> ContactScenes:
     """Return robot, hands and cameras."""
-    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
+    robot = scenario.known(scenario.loaded(scenario.home))
     return ContactScenes(robot, scenario.cameras, scenario.scenes, scenario.seed)
 
 

@@ -13,8 +13,7 @@ import numpy as np
 from experiments.evidence.discovery import find_scripts
 from experiments.placement.arm import PlacedArm, placed_arm
 from saphari_drake.errors import ModelError, SaphariError
-from saphari_drake.robots import catalog
-from saphari_drake.robots.arm_file import arm_file
+from saphari_drake.robots.arm_file import arm_file, load_arm
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.posture import is_home
 from saphari_drake.simulation.runner.command_line import complain, say
@@ -63,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
 def _checked(options: argparse.Namespace, folder: Path) -> int:
     if not options.model.is_file():
         raise ModelError(f"no model file '{options.model}'")
-    robot = catalog.load(str(options.model))
+    robot = load_arm(str(options.model))
     say(f"{robot!r}\n")
     for line in (*file_notes(options.model, robot), *model_notes(robot)):
         say(f"- {line}")

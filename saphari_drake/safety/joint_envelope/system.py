@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import Immutable, SystemStatus
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Limited, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
@@ -84,7 +84,7 @@ class JointEnvelope(LeafSystem):
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
         memory = self._resting(terms)
         self._limited(terms, zero, terms.g, memory.torques)  # compiles
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
         self._command = self.DeclareVectorInputPort("torque_commanded", BasicVector(n))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))

@@ -16,7 +16,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
-from saphari_drake.robots import catalog
+from saphari_drake.robots.arm_file import load_arm
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import atomic_path, write_text
@@ -25,6 +25,7 @@ from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
+from saphari_drake.simulation.view.mcap import require_mcap
 from saphari_drake.simulation.view.replay import start_meshcat
 
 PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -83,6 +84,13 @@ class Experiment:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
+    def outcome(self, scenario: Any, options: RunOptions) -> Outcome:
+        """Run a scenario; with faults, their metrics come on top."""
+        result = self.run(scenario, options)
+        if not getattr(scenario, "faults", []):
+            return result
+        return replace(result, metrics=[*result.metrics, *fault_metrics(scenario, options.answered.values())])
+
     def seed_matters(self, scenario: Any) -> bool:
         """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
         return scenario.case not in self.seedless or (
@@ -119,10 +127,14 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
         return PASSED
-    scenarios = _scenarios(experiment, options)
+    scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
+    if options.also and options.out is None:
+        raise ParameterError(f"--{options.also[0]}", "needs --out, the folder to write to")
+    if "mcap" in options.also:
+        require_mcap()
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
     meshcat = None
@@ -133,7 +145,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, not options.no_pictures)
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -144,18 +156,14 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(
-    experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, pictures: bool = True
-) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, also: list[str]) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     tree = to_tree(scenario)
-    outcome = experiment.run(scenario, options)
-    if getattr(scenario, "faults", []):
-        outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
+    outcome = experiment.outcome(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     if getattr(scenario, "plant", "ideal") != "ideal":
@@ -164,11 +172,11 @@ def _run_case(
         heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), pictures)
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
     return outcome.passed
 
 
-def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
+def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
     cases = options.case or (list(experiment.cases) if options.model is None else experiment.others)
@@ -220,7 +228,7 @@ def adapted(experiment: Experiment, scenario: Any, robot: str) -> Any:
     """Return the scenario of a case fitted to another robot (catalog name or path), if that is not its own already."""
     if robot and robot != scenario.robot and experiment.adapt is not None:
         scenario.robot = robot
-        experiment.adapt(scenario, catalog.load(robot))
+        experiment.adapt(scenario, load_arm(robot, options=getattr(scenario, "model", None)))
     return scenario
 
 

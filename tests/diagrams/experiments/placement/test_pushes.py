@@ -17,7 +17,7 @@ from nmpc_manipulator import scenario_for
 from saphari_drake.errors import ModelError
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
-from saphari_drake.robots import catalog
+from saphari_drake.robots.arm_file import load_arm
 from saphari_drake.robots.catalog import models_dir
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import find_target
@@ -29,7 +29,7 @@ PATHS = {"panda": arm_path("panda", None), "ur5": UR5}
 
 @pytest.fixture(scope="module", params=PATHS)
 def arm(request):
-    return placed_arm(catalog.load(str(PATHS[request.param])))
+    return placed_arm(load_arm(str(PATHS[request.param])))
 
 
 def test_push_meets_its_link_where_torques_show_it(arm):
