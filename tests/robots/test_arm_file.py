@@ -27,7 +27,8 @@ def hand_on_arm(folder, geometry=""):
     return write_urdf(
         folder, link("base"), link("upper", extra=geometry), link("palm"), link("finger_a"), link("finger_b"),
         joint("one", "base", "upper"), joint("two", "upper", "palm"),
-        joint("left", "palm", "finger_a", "prismatic", "0 1 0"), joint("right", "palm", "finger_b", "prismatic", "0 -1 0"),
+        joint("left", "palm", "finger_a", "prismatic", "0 1 0"),
+        joint("right", "palm", "finger_b", "prismatic", "0 -1 0"),
         name="handy",
     )  # fmt: skip
 
