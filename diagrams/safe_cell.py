@@ -10,6 +10,7 @@ from experiments.cell.build import build_cell
 from experiments.cell.figures import cell_figure, cell_replay
 from experiments.cell.run import metrics_of, simulate
 from experiments.cell.scenario import CellScenario
+from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -54,7 +55,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=keep,
     parts=lambda case: (*ARM, "skin", "wrist", "camera"),
 )
 

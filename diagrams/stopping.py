@@ -6,16 +6,15 @@ the table that is stored there.
 
 import sys
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from experiments.cell.stops import Stop, StopRig, build_stop_rig, random_stop, share_of_table, table_of
+from experiments.placement.arm import keep
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
-from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.speed_separation.stopping import EXTENSIONS, FILE, StoppingTable, stopping_of
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.experiment import Experiment, main
@@ -91,11 +90,7 @@ def figure(table: StoppingTable, stops: list[Stop]) -> Figure:
     return result
 
 
-def adapt(scenario: Any, robot: RobotModel) -> None:
-    """Leave a scenario as it is: what it draws depends on the robot's own limits alone."""
-
-
-EXPERIMENT = Experiment("stopping", __doc__, CASES, scenario_for, run, build_diagram, adapt=adapt)
+EXPERIMENT = Experiment("stopping", __doc__, CASES, scenario_for, run, build_diagram, adapt=keep)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,10 @@ def placed_arm(robot: RobotModel, floor: float = FLOOR) -> PlacedArm:
     robot = robot.with_home(np.deg2rad(degrees))
     terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
     return PlacedArm(robot, arm_chain(robot), terms, degrees.tolist())
+
+
+def keep(scenario: Any, robot: RobotModel) -> None:
+    """Leave a scenario as it is: of an experiment that takes all it needs from the robot."""
 
 
 def task_gain_ratio(arm: PlacedArm) -> float:

@@ -17,7 +17,7 @@ from saphari_drake.robots.arm_file import arm_file, load_arm
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.robots.posture import is_home
 from saphari_drake.simulation.runner.command_line import complain, say
-from saphari_drake.simulation.runner.experiment import adapted
+from saphari_drake.simulation.runner.other_robot import adapted
 
 ALL, SOME, UNUSABLE = 0, 1, 2
 LIGHT = 0.005  # kg m²; a joint with less inertia than this is moved by the noise of its own sensor

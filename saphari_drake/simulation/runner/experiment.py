@@ -16,13 +16,13 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
-from saphari_drake.robots.arm_file import load_arm
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import atomic_path, own_folder, write_text
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
+from saphari_drake.simulation.runner.other_robot import adapted, robot_named
 from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -216,7 +216,7 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         given["robot"] = str(options.model.resolve())
     scenarios = []
     for case in dict.fromkeys(cases):
-        scenario = adapted(experiment, experiment.scenario_for(case), _robot_named(given, options.set, tree))
+        scenario = adapted(experiment, experiment.scenario_for(case), robot_named(given, options.set, tree))
         scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
@@ -227,23 +227,6 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         require_faults(getattr(scenario, "faults", []), experiment.parts(case))
         scenarios.append(checked(scenario))
     return scenarios
-
-
-def _robot_named(given: Mapping[str, Any], assignments: Sequence[str], tree: Mapping[str, Any]) -> str:
-    """Return the robot that the user names, or nothing."""
-    for text in assignments[::-1]:
-        path, _, value = text.partition("=")
-        if path.strip() == "robot":
-            return value.strip()
-    return str(given.get("robot") or tree.get("robot") or "")
-
-
-def adapted(experiment: Experiment, scenario: Any, robot: str) -> Any:
-    """Return the scenario of a case fitted to another robot (catalog name or path), if that is not its own already."""
-    if robot and robot != scenario.robot and experiment.adapt is not None:
-        scenario.robot = robot
-        experiment.adapt(scenario, load_arm(robot, options=getattr(scenario, "model", None)))
-    return scenario
 
 
 def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
