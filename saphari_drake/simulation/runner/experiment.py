@@ -216,7 +216,9 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         given["robot"] = str(options.model.resolve())
     scenarios = []
     for case in dict.fromkeys(cases):
-        scenario = adapted(experiment, experiment.scenario_for(case), robot_named(given, options.set, tree))
+        known = [text for text in options.set if text.startswith("model.")]  # of the robot, which it takes to load it
+        scenario = with_assignments(experiment.scenario_for(case), known)
+        scenario = adapted(experiment, scenario, robot_named(given, options.set, tree))
         scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
