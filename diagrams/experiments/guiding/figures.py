@@ -91,8 +91,10 @@ def replay(run: GuidingRun, path: Path, title: str) -> None:
             Marker(f"hand on the {name}", point - 0.045 * force / size[:, None], 0.04, HAND, touched),
         ]
     target = log["truth"][0, 3:6] * np.array([0.5, 0.5, 1.0])
-    camera = (target + np.array([1.0, 1.0, 0.5]), target)
-    cell, skin = setup.cell.cell, SkinPatch(SkinLayout(setup.robot, setup.scenario.system.skin_layout))
+    cell, layout = setup.cell.cell, SkinLayout(setup.robot, setup.scenario.system.skin_layout)
+    # From where the skin is seen.
+    outwards = setup.robot.kinematics(log["position"][0]).R_WL[layout.link] @ layout.n_L.mean(axis=0)
+    camera, skin = (target + outwards + np.array([0.0, 0.0, 0.4]), target), SkinPatch(layout)
 
     def build(builder: DiagramBuilder) -> MultibodyPlant:
         return add_cell(builder, cell.robot, [*cell.bodies, skin], cell.params).plant
