@@ -25,7 +25,7 @@ from saphari_drake.simulation.world.cell import Body, add_cell
 
 Array = NDArray[np.float64]
 BLUE, ORANGE = (0.0, 0.25, 0.80), (0.84, 0.37, 0.0)
-HAND, COPPER = (0.89, 0.71, 0.58), np.array([0.72, 0.45, 0.20, 1.0])
+HAND, BOARD = (0.89, 0.71, 0.58), np.array([0.03, 0.20, 0.14, 1.0])
 SCALE = 0.02  # m/N
 
 
@@ -70,7 +70,7 @@ class SkinPatch(Body):
         body, side = plant.GetBodyByName(robot.link_names[self.layout.link]), 0.85 * self.layout.params.pitch
         for k, (R, p) in enumerate(zip(self.layout.R_LM, self.layout.p_LM)):
             X_LM = RigidTransform(RotationMatrix(R), p)
-            plant.RegisterVisualGeometry(body, X_LM, Box(side, side, 0.004), f"module_{k}", COPPER)
+            plant.RegisterVisualGeometry(body, X_LM, Box(side, side, 0.010), f"module_{k}", BOARD)
 
 
 def replay(run: GuidingRun, path: Path, title: str) -> None:
