@@ -29,6 +29,8 @@ class ContactLocalizationScenario(PlantScenario):
     """Everything a run depends on; scenes have no time, so that `duration` is not used."""
 
     case: str = "one_camera"
+    # deg; posture about which the robot is drawn. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=list)
     # Number of scenes (≥ 1), and frames of each (≥ 1); the last one is judged.
     count: int = 204
     frames: int = 8
@@ -68,7 +70,8 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
 
 def build_scenes(scenario: ContactLocalizationScenario) -> ContactScenes:
     """Return robot, hands and cameras."""
-    return ContactScenes(scenario.known(scenario.loaded()), scenario.cameras, scenario.scenes, scenario.seed)
+    robot = scenario.known(scenario.loaded(scenario.home))
+    return ContactScenes(robot, scenario.cameras, scenario.scenes, scenario.seed)
 
 
 def believed_cameras(scenario: ContactLocalizationScenario, rng: np.random.Generator) -> list[CameraParameters]:
