@@ -31,7 +31,7 @@ from saphari_drake.messages import (
     SystemStatus,
 )
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator
-from saphari_drake.safety import CommandSwitch, ContactMonitor, JointEnvelope, VerifiedStop
+from saphari_drake.safety import CommandSwitch, ContactMonitor, VerifiedStop
 from saphari_drake.safety.verified_stop.law import StopStatus
 
 NAN, ZERO = np.full(3, np.nan), np.zeros(3)
@@ -123,7 +123,7 @@ def test_a_skin_contact_on_no_link_is_told(lwr4, terms, point):
     "kind",
     [
         CommandSwitch, ContactForceEstimator, ContactImpedanceController, ContactMonitor, HandGuidingController,
-        JointEnvelope, JointVelocityServo, MomentumObserver, NullSpaceComplianceController, WristWrenchEstimator,
+        JointVelocityServo, MomentumObserver, NullSpaceComplianceController, WristWrenchEstimator,
     ],
 )  # fmt: skip
 def test_the_dynamics_of_another_arm_are_not_known(lwr4, terms, kind):

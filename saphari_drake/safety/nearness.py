@@ -96,6 +96,24 @@ def pair(surface, poses, s, ball):
 
 
 @njit(cache=True)
+def bounding_radius(surface, s):
+    """Return the radius (m) of the ball around the middle of shape s that holds it."""
+    size = surface.size[s]
+    if surface.kind[s] == BOX:
+        return np.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2)
+    return size[0] + size[1]
+
+
+@njit(cache=True)
+def nearest_possible(poses, s, around, people, o):
+    """Return a lower bound (m) of the distance of shape s, in a ball of radius `around`, from a person's ball."""
+    square = 0.0
+    for i in range(3):
+        square += (poses[1][s, i] - people.p[o, i]) ** 2
+    return np.sqrt(square) - around - people.radius[o]
+
+
+@njit(cache=True)
 def fastest_end(surface, motion, v):
     """Return the speed (m/s) of the fastest end of a shape at joint velocities v (n,)."""
     R, p = posed(surface, motion)

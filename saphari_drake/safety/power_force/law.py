@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import surface_point
 from saphari_drake.math.products import cholesky, solve_lower
-from saphari_drake.safety.nearness import pair, posed, towards
+from saphari_drake.safety.nearness import bounding_radius, nearest_possible, pair, posed, towards
 from saphari_drake.safety.power_force.parameters import Walls
 from saphari_drake.safety.power_force.regions import Limits
 
@@ -127,7 +127,10 @@ def contact_scale(surface, motion, M, v, people, head, rule):
     cholesky(M, L)
     poses = posed(surface, motion)
     for s in range(surface.link.shape[0]):
+        around = bounding_radius(surface, s)
         for o in range(people.radius.shape[0]):
+            if nearest_possible(poses, s, around, people, o) > rule.reach:
+                continue
             away, p_WN, u = pair(surface, poses, s, people.p[o])
             if away - people.radius[o] > rule.reach:
                 continue

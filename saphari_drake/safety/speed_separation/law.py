@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saphari_drake.compiled import njit
-from saphari_drake.safety.nearness import fastest_end, pair, posed, towards
+from saphari_drake.safety.nearness import bounding_radius, fastest_end, nearest_possible, pair, posed, towards
 
 _HALVINGS = 20
 
@@ -96,8 +96,12 @@ def permitted_scale(surface, motion, v, people, rule, table):
     """
     poses, fastest, row = posed(surface, motion), fastest_end(surface, motion, v), np.empty(v.shape[0])
     scale, distance, protective, shape, ball, least = 1.0, np.inf, 0.0, -1, -1, np.inf
+    most = protective_distance(rule, table, fastest, fastest, rule.person_speed)
     for s in range(surface.link.shape[0]):
+        around = bounding_radius(surface, s)
         for o in range(people.radius.shape[0]):
+            if nearest_possible(poses, s, around, people, o) >= min(most + least, np.inf if scale == 1.0 else most):
+                continue
             away, p_WN, u = pair(surface, poses, s, people.p[o])
             d = away - people.radius[o]
             towards(motion, surface.link[s], p_WN, u, row)

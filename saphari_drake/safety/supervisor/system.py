@@ -16,8 +16,8 @@ _SOURCE = {CellState.CONTACT: CONTACT, CellState.GUIDING: GUIDING}
 
 
 class _Memory(Immutable):
-    def __init__(self, situation: Situation) -> None:
-        self.situation = situation
+    def __init__(self, situation: Situation, limit: float = 0.0) -> None:
+        self.situation, self.limit = situation, limit
 
 
 class Supervisor(LeafSystem):
@@ -51,7 +51,7 @@ class Supervisor(LeafSystem):
     recover : 1, not 0 to leave a fault; optional: never.
     contact_selection : abstract `Selection`, of the contact controller; optional: its torque is passed on.
     selection : abstract `Selection`, for `CommandSwitch`, whose torque is that of `source`.
-    speed_limit : 1, share of the job's speed that is allowed, at once: never more than `speed_scale`.
+    speed_limit : 1, share of the job's speed that is allowed in this cycle: never more than `speed_scale` at its begin.
     state, reason : 1, a `CellState`, and the `Event` that led to it.
     time_in_state : 1 (s).
     source : 1, whose torque is taken: 0 the job, 1 the contact controller, 2 the guiding.
@@ -74,29 +74,24 @@ class Supervisor(LeafSystem):
         ticket = self.abstract_state_ticket(self._memory)
         selected = declare_cache(self, "selection", Selection(), self._selected, {ticket, self._contact.ticket()})
         declare_outputs(self, selected.Eval, selected.ticket(), Selection(), {"selection": lambda value: value})
-        limit = declare_cache(self, "limit", 0.0, self._limit, {ticket, self._scale.ticket()})
-        declare_readouts(self, limit, {"speed_limit": (1, lambda value: [value])})
-        situation = declare_cache(self, "situation", Situation(), self._situation, {ticket})
+        memory = declare_cache(self, "memory", _Memory(Situation()), self._remembered, {ticket})
         readouts = {
-            "state": (1, lambda s: [float(s.state)]),
-            "reason": (1, lambda s: [float(s.reason)]),
-            "time_in_state": (1, lambda s: [s.since]),
-            "source": (1, lambda s: [float(_SOURCE.get(s.state, JOB))]),
-            "fault": (1, lambda s: [float(s.fault)]),
+            "speed_limit": (1, lambda m: [m.limit]),
+            "state": (1, lambda m: [float(m.situation.state)]),
+            "reason": (1, lambda m: [float(m.situation.reason)]),
+            "time_in_state": (1, lambda m: [m.situation.since]),
+            "source": (1, lambda m: [float(_SOURCE.get(m.situation.state, JOB))]),
+            "fault": (1, lambda m: [float(m.situation.fault)]),
         }
-        declare_readouts(self, situation, readouts)
+        declare_readouts(self, memory, readouts)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
 
-    def _situation(self, context: Context) -> Situation:
+    def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
-        return memory.situation
-
-    def _limit(self, context: Context) -> float:
-        scale = float(self._scale.Eval(context)[0])
-        return speed_limit(self._situation(context).state, scale if np.isfinite(scale) else 0.0)
+        return memory
 
     def _selected(self, context: Context) -> Selection:
-        situation = self._situation(context)
+        situation = self._remembered(context).situation
         if situation.state == CellState.FAULT:
             return Selection(CommandMode.BRAKE, key=(situation.state,))
         if situation.state == CellState.CONTACT:
@@ -119,8 +114,10 @@ class Supervisor(LeafSystem):
         return Observed(scale, touched, taken, fault, recover)
 
     def _update(self, context: Context, state: State) -> None:
-        after = supervised(self._situation(context), self._observed(context), self._params)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(after))
+        seen = self._observed(context)
+        after = supervised(self._remembered(context).situation, seen, self._params)
+        limit = speed_limit(after.state, seen.speed_scale if np.isfinite(seen.speed_scale) else 0.0)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(after, limit))
 
 
 class TorqueChoice(LeafSystem):

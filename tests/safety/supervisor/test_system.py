@@ -34,11 +34,10 @@ def test_it_says_whose_torque_is_taken():
     assert b.read("source") == JOB and b.read("state") == CellState.FREE
 
 
-def test_the_limit_acts_at_once():
+def test_the_limit_acts_in_the_next_cycle():
     b = working()
-    b.set(speed_scale=0.3)
+    b.run(1, speed_scale=0.3)
     assert b.read("speed_limit") == 0.3
-    b.run(1)
     assert b.read("state") == CellState.SLOWED and b.read("reason") == Event.NEAR
 
 
