@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from experiments.evidence.arm_trials import arm_jobs, run_arms
 from experiments.evidence.benchmarks import run_benchmarks
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
@@ -47,6 +48,11 @@ class Places(NamedTuple):
         return self.scripts / "faults.json"
 
     @property
+    def arms(self) -> Path:
+        """File of the runs on other arms."""
+        return self.scripts / "arms.json"
+
+    @property
     def times(self) -> Path:
         """File of the benchmarks' rows."""
         return self.scripts / "benchmarks.json"
@@ -77,6 +83,8 @@ def _main(options: Namespace, places: Places) -> int:
             return _told(lines, "gate: pass", "gate: FAIL")
         if options.faults:
             broken = record_faults(options, places, out, keep)
+        elif options.arms:
+            record_arms(options, places, out, keep)
         elif options.benchmarks:
             record_benchmarks(places, options.only)
         elif not options.tables:
@@ -94,6 +102,17 @@ def record_benchmarks(places: Places, only: Sequence[str]) -> None:
         say(name)
         recorded[name] = entry
         write_results(places.times, dict(sorted(recorded.items())))
+
+
+def record_arms(options: Namespace, places: Places, out: Path, keep: bool) -> None:
+    """Run the experiments on other arms and keep what each came to."""
+    scripts, recorded = find_scripts(places.scripts), read_results(places.arms)
+    jobs = arm_jobs(options.arms, scripts, options.only)
+    progress = Progress(jobs, {}, options.jobs)
+    for run, entry in run_arms(jobs, scripts, out, options.jobs, keep):
+        say(progress.line(run))
+        recorded.setdefault(run.job.label, {})[f"{run.job.script}/{run.job.case}"] = entry
+        write_results(places.arms, recorded)
 
 
 def record_faults(options: Namespace, places: Places, out: Path, keep: bool) -> list[str]:
@@ -125,7 +144,7 @@ def write_readme(places: Places) -> list[str]:
     """Write the README's generated parts; return a line for each figure that it lacks."""
     results, times = read_results(places.results), read_results(places.times)
     text = places.readme.read_text(encoding="utf-8")
-    write_text(places.readme, generated(text, results, times, read_results(places.faults)))
+    write_text(places.readme, generated(text, results, times, read_results(places.faults), read_results(places.arms)))
     return missing(results, times)
 
 
