@@ -9,7 +9,8 @@ from experiments.evidence.readme import generated, missing
 from experiments.evidence.results_file import read_results
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [(ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "diagrams/docs/results.md")]
+README = PAGES[0]
 RESULTS = read_results(ROOT / "diagrams" / "results.json")
 BENCHMARKS = read_results(ROOT / "diagrams" / "benchmarks.json")
 FAULTS = read_results(ROOT / "diagrams" / "faults.json")
@@ -40,7 +41,7 @@ def test_the_two_commands_are_printed():
 
 def test_generated_parts_are_what_is_recorded():
     """`report.py --tables` would change nothing."""
-    assert generated(README, RESULTS, BENCHMARKS, FAULTS, ARMS) == README
+    assert generated(PAGES, RESULTS, BENCHMARKS, FAULTS, ARMS) == PAGES
 
 
 def test_every_figure_of_the_readme_is_recorded():
@@ -51,7 +52,7 @@ def test_every_figure_of_the_readme_is_recorded():
 
 def test_no_table_holds_a_typed_number():
     """Numbers stand between markers alone; `code` may hold digits."""
-    assert numbers_typed(README) == []
+    assert [row for page in PAGES for row in numbers_typed(page)] == []
 
 
 @pytest.mark.parametrize("row", ["| error | 1.8 % |", "| `nmpc` 3 | – |"])

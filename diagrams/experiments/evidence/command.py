@@ -38,6 +38,12 @@ class Places(NamedTuple):
     readme: Path
 
     @property
+    def pages(self) -> list[Path]:
+        """The README, and the page of results among the docs if there is one."""
+        page = self.scripts / "docs" / "results.md"
+        return [self.readme, page] if page.is_file() else [self.readme]
+
+    @property
     def results(self) -> Path:
         """File of the experiments' figures."""
         return self.scripts / "results.json"
@@ -92,7 +98,7 @@ def _main(options: Namespace, places: Places) -> int:
             broken = record(scripts, options.only, options.seeds, places.results, out, options.jobs, keep, say)
         if keep:
             show_page(places, out)
-    return _told([*broken, *write_readme(places)], "README written", "README written, without the above")
+    return _told([*broken, *write_pages(places)], "README written", "README written, without the above")
 
 
 def record_benchmarks(places: Places, only: Sequence[str]) -> None:
@@ -140,11 +146,13 @@ def show_page(places: Places, out: Path) -> None:
     say(f"page: {write_page(read_results(places.results), read_results(places.faults), out)}")
 
 
-def write_readme(places: Places) -> list[str]:
-    """Write the README's generated parts; return a line for each figure that it lacks."""
+def write_pages(places: Places) -> list[str]:
+    """Write the generated parts of README and page of results; return a line for each figure that they lack."""
     results, times = read_results(places.results), read_results(places.times)
-    text = places.readme.read_text(encoding="utf-8")
-    write_text(places.readme, generated(text, results, times, read_results(places.faults), read_results(places.arms)))
+    texts = [page.read_text(encoding="utf-8") for page in places.pages]
+    made = generated(texts, results, times, read_results(places.faults), read_results(places.arms))
+    for page, text in zip(places.pages, made):
+        write_text(page, text)
     return missing(results, times)
 
 

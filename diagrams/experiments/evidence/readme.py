@@ -1,8 +1,8 @@
-"""The README with its generated parts as the recorded results give them."""
+"""README and page of results, with their generated parts as the recorded results give them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from experiments.evidence import benchmarks as speed
@@ -15,13 +15,13 @@ from experiments.evidence.results_file import Results
 
 
 def generated(
-    text: str,
+    texts: Sequence[str],
     results: Results,
     benchmarks: Mapping[str, Any],
     faults: Mapping[str, Any],
     arms: Mapping[str, Any],
-) -> str:
-    """Return the README `text` with its generated parts renewed; rows that are not recorded are left out."""
+) -> list[str]:
+    """Return the pages with their generated parts renewed; rows that are not recorded are left out."""
     blocks = {
         "made": tables.made_text(results),
         "experiments": tables.experiments_table(results, EXPERIMENTS),
@@ -31,10 +31,10 @@ def generated(
         "speed_made": speed.speed_made_text(benchmarks),
         "speed": speed.speed_table(benchmarks, SPEED_TABLE),
     }
-    return with_blocks(text, blocks)
+    return with_blocks(texts, blocks)
 
 
 def missing(results: Results, benchmarks: Mapping[str, Any]) -> list[str]:
-    """Return a line for each figure that the README shows and that is not recorded."""
+    """Return a line for each figure that the pages show and that is not recorded."""
     lines = [line for row in EXPERIMENTS for line in tables.missing(results, row)]
     return lines + [line for row in SPEED_TABLE for line in speed.missing(benchmarks, row)]
