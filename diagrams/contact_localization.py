@@ -95,7 +95,14 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     if sys.stderr.isatty():
         print(file=sys.stderr)
     log = Log(np.arange(len(rows), dtype=float))
-    units = {"error": "m", "first_error": "m", "vision_error": "m", "baseline_error": "m", "size": "m"}
+    units = {
+        "error": "m",
+        "first_error": "m",
+        "vision_error": "m",
+        "baseline_error": "m",
+        "particle_error": "m",
+        "size": "m",
+    }
     for name in Row._fields:
         log.add(name, [getattr(row, name) for row in rows], units.get(name, "1"))
     return Outcome(

@@ -62,7 +62,7 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
     if case == "miscalibrated":
         scenario.extrinsic_shift, scenario.extrinsic_turn = 0.005, 0.3
     if case == "hidden":
-        scenario.scenes.torque_noise = scenario.fusion.torque_sigma = 0.05
+        scenario.scenes.torque_noise = 0.05
     if case == "two_contacts":
         scenario.count = 105
     return scenario
