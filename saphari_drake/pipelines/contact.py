@@ -18,12 +18,13 @@ from saphari_drake.parameters import diagonal, require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import LocalizerParameters
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
+from saphari_drake.pipelines.envelope import JointState, JointWitness, add_joint_check, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters
 from saphari_drake.safety.contact_monitor import ContactMonitor, ContactMonitorParameters
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
@@ -35,6 +36,7 @@ class ContactPipelineParameters:
 
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.005
+    check: JointCheckParameters = field(default_factory=JointCheckParameters)
     # Its velocity is expected to be a difference of positions, as encoders give it.
     observer: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(velocity_delay=0.5))
     # What the robot's model may lack; learned while nobody touches.
@@ -52,7 +54,7 @@ class ContactPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
+        share_period(self, "check", "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
             check_hand(self.controller, float(np.min(self.observer.bandwidth)))
 
@@ -65,6 +67,7 @@ class ContactMeasurements(NamedTuple):
     depth_image: OutputPort  # of the camera (m)
     image_time: OutputPort  # when it was taken (s)
     joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
+    witness: JointWitness | None = None
 
 
 class ContactPipeline(NamedTuple):
@@ -115,7 +118,9 @@ def add_contact_pipeline(
     add = builder.AddNamedSystem
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     observer = add("momentum_observer", MomentumObserver(robot, params.observer))
-    torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
+    joints = JointState(measured.position, measured.velocity)
+    checked = add_joint_check(builder, robot, joints, params.check, measured.witness)
+    torque_external, held = observer.GetOutputPort("torque_external"), checked.state
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
@@ -137,15 +142,16 @@ def add_contact_pipeline(
         ),
     )
     for source, target, name in (
-        (measured.position, p.dynamics, "position_measured"),
-        (measured.velocity, p.dynamics, "velocity_measured"),
-        (measured.position, p.localizer, "position_measured"),
+        (held.position, p.dynamics, "position_measured"),
+        (held.velocity, p.dynamics, "velocity_measured"),
+        (held.position, p.localizer, "position_measured"),
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
         (p.envelope.GetOutputPort("torque_mean"), p.observer, "torque_applied"),
     ):
         builder.Connect(source, target.GetInputPort(name))
+    checked.close(builder, p.envelope.GetOutputPort("torque_acting"), measured.witness)
     connect(
         builder,
         (p.dynamics, "dynamics", p.observer, p.model_error),

@@ -16,10 +16,17 @@ from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimator
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator, WristWrenchParameters
 from saphari_drake.perception.wrench.tool import ToolParameters
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope, add_joint_velocity
+from saphari_drake.pipelines.envelope import (
+    JointState,
+    JointWitness,
+    add_joint_check,
+    add_joint_envelope,
+    add_joint_velocity,
+)
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 
@@ -30,6 +37,7 @@ class HandGuidingPipelineParameters:
 
     # s; the control cycle.
     period: float = 0.002
+    check: JointCheckParameters = field(default_factory=JointCheckParameters)
     skin: SkinEstimatorParameters = field(default_factory=SkinEstimatorParameters)
     # The guided point of the end effector is the tip of the wrist's wrench: where the hand holds a light handle.
     wrist: WristWrenchParameters = field(default_factory=lambda: WristWrenchParameters(tip_point=[0.0, 0.0, 0.12]))
@@ -44,7 +52,7 @@ class HandGuidingPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.skin, self.wrist, self.controller, self.switch, self.observer, self.velocity):
+        for part in (self.check, self.skin, self.wrist, self.controller, self.switch, self.observer, self.velocity):
             part.period = self.period
         self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.controller.__post_init__()
@@ -59,6 +67,7 @@ class HandGuidingMeasurements(NamedTuple):
     voltages: OutputPort  # of the skin (V)
     sample_time: OutputPort  # when they were read (s)
     joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
+    witness: JointWitness | None = None
 
 
 class HandGuidingPipeline(NamedTuple):
@@ -100,9 +109,9 @@ def add_hand_guiding_pipeline(
         return builder.AddNamedSystem(name, system)
 
     dynamics = add("dynamics", RobotDynamics(robot))
-    estimated = add_joint_velocity(
-        builder, robot, JointState(measured.position, measured.velocity), params.velocity, "joint_velocity"
-    )
+    joints = JointState(measured.position, measured.velocity)
+    checked = add_joint_check(builder, robot, joints, params.check, measured.witness)
+    estimated = add_joint_velocity(builder, robot, checked.state, params.velocity, "joint_velocity")
     position, velocity = estimated.state
     if estimated.estimator:
         acceleration = estimated.estimator.GetOutputPort("acceleration_estimated")
@@ -121,6 +130,7 @@ def add_hand_guiding_pipeline(
         params.velocity,
     )  # fmt: skip
     estimated.close(builder, dynamics, envelope.GetOutputPort("torque_mean"))
+    checked.close(builder, envelope.GetOutputPort("torque_acting"), measured.witness)
     wires = (
         (position, dynamics, "position_measured"),
         (velocity, dynamics, "velocity_measured"),

@@ -85,3 +85,7 @@ class JointSensor(LeafSystem):
     def _store(self, updated: State, q: Array, v: Array) -> None:
         updated.get_mutable_discrete_state(self._q).SetFromVector(q)
         updated.get_mutable_discrete_state(self._v).SetFromVector(v)
+
+
+class MotorEncoder(JointSensor):
+    """The second encoders of the joints, at the motors: sampled alike, and struck by faults of their own alone."""
