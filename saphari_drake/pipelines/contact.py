@@ -15,6 +15,8 @@ from saphari_drake.estimation.contact_force import ContactForceEstimator, Contac
 from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import diagonal, require_positive, share_period
+from saphari_drake.perception.camera.frame_check import FrameCheckParameters
+from saphari_drake.perception.camera.frame_check_system import FrameCheck
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import LocalizerParameters
@@ -43,6 +45,8 @@ class ContactPipelineParameters:
     model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
+    # Of the camera's frames.
+    frames: FrameCheckParameters = field(default_factory=FrameCheckParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)
     # The answer to a contact: an impedance, or a force.
@@ -78,6 +82,7 @@ class ContactPipeline(NamedTuple):
     model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
+    frames: FrameCheck
     monitor: ContactMonitor
     force: ContactForceEstimator
     controller: ContactImpedanceController | ContactForceController
@@ -133,6 +138,7 @@ def add_contact_pipeline(
             "contact_localizer",
             ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
         ),
+        frames=add("frame_check", FrameCheck(robot, camera, params.frames, background, params.period)),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
         controller=add("controller", _controller(robot, params)),
@@ -147,6 +153,9 @@ def add_contact_pipeline(
         (held.position, p.localizer, "position_measured"),
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
+        (held.position, p.frames, "position_measured"),
+        (measured.depth_image, p.frames, "depth_image"),
+        (measured.image_time, p.frames, "image_time"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
         (p.envelope.GetOutputPort("torque_mean"), p.observer, "torque_applied"),
     ):
@@ -165,7 +174,8 @@ def add_contact_pipeline(
         (p.model_error, "torque_noise", p.detector),
         (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
-        (p.localizer, "camera_status", p.monitor),
+        (p.localizer, "camera_status", p.frames),
+        (p.frames, "camera_status", p.monitor),
         (p.monitor, "interaction", p.controller),
         (p.force, "contact_force", p.controller),
         (p.force, "misfit", p.controller),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
@@ -10,6 +11,7 @@ from saphari_drake.control.hand_guiding.system import HandGuidingController
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
 from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
+from saphari_drake.estimation.wrench_check import WrenchCheck, WrenchCheckParameters
 from saphari_drake.parameters import require_positive
 from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
@@ -41,6 +43,8 @@ class HandGuidingPipelineParameters:
     skin: SkinEstimatorParameters = field(default_factory=SkinEstimatorParameters)
     # The guided point of the end effector is the tip of the wrist's wrench: where the hand holds a light handle.
     wrist: WristWrenchParameters = field(default_factory=lambda: WristWrenchParameters(tip_point=[0.0, 0.0, 0.12]))
+    # Of the wrist's wrench, by what the joints feel.
+    wrench: WrenchCheckParameters = field(default_factory=WrenchCheckParameters)
     controller: HandGuidingParameters = field(default_factory=HandGuidingParameters)
     # The answer to a joint state that is not known, and the way back.
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
@@ -52,9 +56,20 @@ class HandGuidingPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (self.check, self.skin, self.wrist, self.controller, self.switch, self.observer, self.velocity):
+        for part in (
+            self.check,
+            self.skin,
+            self.wrist,
+            self.wrench,
+            self.controller,
+            self.switch,
+            self.observer,
+            self.velocity,
+        ):
             part.period = self.period
-        self.controller.tip_frame, self.controller.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
+        for part in (self.controller, self.wrench):
+            part.tip_frame, part.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
+        self.wrench.gain = float(np.mean(self.observer.gain))
         self.controller.__post_init__()
 
 
@@ -120,6 +135,7 @@ def add_hand_guiding_pipeline(
         builder.Connect(velocity, difference.GetInputPort("velocity_measured"))
         acceleration = difference.GetOutputPort("acceleration_measured")
     skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
+    believed = add("wrench_check", WrenchCheck(robot, params.wrench))
     wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist, tool))
     controller = add("controller", HandGuidingController(robot, params.controller))
     switch = add("command_switch", CommandSwitch(robot, params.switch))
@@ -142,7 +158,11 @@ def add_hand_guiding_pipeline(
         (acceleration, wrist, "acceleration_measured"),
         (dynamics.get_output_port(), controller, "dynamics"),
         (skin.GetOutputPort("skin_reading"), controller, "skin"),
-        (wrist.GetOutputPort("wrench_measured"), controller, "wrench_measured"),
+        (wrist.GetOutputPort("wrench_measured"), believed, "wrench_measured"),
+        (dynamics.get_output_port(), believed, "dynamics"),
+        (skin.GetOutputPort("skin_reading"), believed, "skin"),
+        (torque_external, believed, "torque_external"),
+        (believed.GetOutputPort("wrench_checked"), controller, "wrench_measured"),
         (dynamics.get_output_port(), switch, "dynamics"),
         (controller.GetOutputPort("torque_commanded"), switch, "torque_commanded"),
         (dynamics.get_output_port(), observer, "dynamics"),

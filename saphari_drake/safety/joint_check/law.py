@@ -61,7 +61,7 @@ def judged(limits, joints, q, second):
     for i in range(len(q)):
         if abs(q[i] - joints.q[i]) > limits.step[i]:
             return JUMP, i
-        if abs(q[i] - second[i]) > limits.encoder:
+        if np.isfinite(second[i]) and abs(q[i] - second[i]) > limits.encoder:
             return ENCODERS, i
         still = joints.still[i] + 1.0 if q[i] == joints.q[i] else 0.0
         way = joints.v[i] * joints.v[i] / (2.0 * limits.stop_acceleration)
@@ -76,8 +76,8 @@ def judged(limits, joints, q, second):
 def remembered(limits, joints, q, expected, measured):
     """Return what is remembered after a sample: arrays of `Joints`.
 
-    The measured torque (n,) is compared with what was expected at this sample or the one before, whichever is nearer or
-    between them, for a drive is up to a sample late; NaN of either is no error.
+    The measured torque (n,) is compared with what was expected at this sample, the one before, and what follows at the
+    same rate, whichever is nearest or between them: a drive may be up to a sample early or late. NaN is no error.
     """
     n = len(q)
     v, still, error = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -89,7 +89,8 @@ def remembered(limits, joints, q, expected, measured):
             before = joints.v[i] if joints.still[i] < limits.still_samples else 0.0
             v[i] = before + limits.share * (change / limits.period - before)
         past = joints.expected[i] if np.isfinite(joints.expected[i]) else expected[i]
-        low, high = min(past, expected[i]), max(past, expected[i])
+        width = abs(expected[i] - past)
+        low, high = min(past, expected[i]) - width, max(past, expected[i]) + width
         difference = measured[i] - min(max(measured[i], low), high)
         if np.isfinite(difference):
             error[i] = joints.error[i] + limits.torque_share * (difference - joints.error[i])

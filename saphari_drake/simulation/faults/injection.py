@@ -1,6 +1,7 @@
 """Brings the faults of a scenario into a diagram that is wired, before it is built."""
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from saphari_drake.perception.skin.layout import CELLS
@@ -25,6 +26,7 @@ from saphari_drake.simulation.world.cell import Cell
 from saphari_drake.simulation.world.profile import Truth, joint_scale
 from saphari_drake.simulation.world.wheels import Wheels
 
+Array = NDArray[np.float64]
 # What of a fault can be told from noise at all: of an encoder (rad or m), and of a torque (Nm or N); assumed.
 ENCODER_FLOOR, TORQUE_FLOOR = 0.01, 0.6
 # Who takes a controller's command, beyond the controller's own computer: of a diagram the first of these that it has.
@@ -83,8 +85,10 @@ def inject_into(builder: DiagramBuilder, cell: Cell, truth: Truth) -> None:
         add_brakes(builder, cell)
 
 
-def _between(builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil, start: float) -> None:
-    source, floor = source_of(builder, target), ENCODER_FLOOR if name.startswith("encoder") else 0.0
+def _between(
+    builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil, start: float, floor: Array | float = 0.0
+) -> None:
+    source = source_of(builder, target)
     insert(builder, source, target, builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start, floor)))
 
 
@@ -93,9 +97,7 @@ def _driven(builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil,
     source = source_of(builder, target)
     system = builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start, TORQUE_FLOOR))
     for reader in readers(builder, source):
-        if reader.get_system() is target.get_system() or isinstance(
-            reader.get_system(), Wheels | JointTorqueSensor
-        ):
+        if reader.get_system() is target.get_system() or isinstance(reader.get_system(), Wheels | JointTorqueSensor):
             insert(builder, source, reader, system)
 
 
@@ -120,8 +122,9 @@ def _encoders(
         _behind(builder, name, source, spoil, start)
         return
     struck = (sensor for sensor in of_kind(builder, JointSensor) if not isinstance(sensor, MotorEncoder))
+    floor = np.repeat([ENCODER_FLOOR, np.inf], robot.n)  # a speed that is wrong for a moment is none
     for sensor in struck:
-        _between(builder, f"{name} {sensor.get_name()}", sensor.GetInputPort("state"), spoil, start)
+        _between(builder, f"{name} {sensor.get_name()}", sensor.GetInputPort("state"), spoil, start, floor)
 
 
 def _torque(robot: RobotModel, truth: Truth, name: str) -> Spoil:

@@ -33,7 +33,7 @@ class SignalFault(LeafSystem):
     State: the last value before the fault, at steps of 1 ms.
     """
 
-    def __init__(self, size: int, spoil: Spoil, start: float, floor: float = 0.0) -> None:
+    def __init__(self, size: int, spoil: Spoil, start: float, floor: Array | float = 0.0) -> None:
         super().__init__()
         self._spoil, self._start, self._floor = spoil, start, floor
         self._value = self.DeclareVectorInputPort("value", BasicVector(size))

@@ -88,4 +88,19 @@ class JointSensor(LeafSystem):
 
 
 class MotorEncoder(JointSensor):
-    """The second encoders of the joints, at the motors: sampled alike, and struck by faults of their own alone."""
+    """The second encoders of the joints, at the motors: sampled alike, and struck by faults of their own alone.
+
+    .. pydrake_system::
+
+        name: MotorEncoder
+        input_ports:
+        - state
+        output_ports:
+        - position_measured
+        - velocity_measured
+
+    Ports
+    -----
+    state : 2n (rad or m, then rad/s or m/s), from the plant.
+    position_measured, velocity_measured : n, as of a `JointSensor`.
+    """
