@@ -89,8 +89,8 @@ class WrenchCheck(LeafSystem):
 
     Law: r − JᵉᵀFᵉ − JᵇᵀFᵇ, with the measured forces behind the observer's lag, less what it was on average over
     `drift_time`, stays within `tolerance` in each joint. Slow errors of either are learned: a bias that grows slowly is
-    not noticed, nor one whose torque is below the tolerance, nor a sudden touch where neither wrist nor skin feels, which
-    is doubted as well: the arm stops then. What is not finite is passed on, and nothing is learned from it.
+    not noticed, nor one whose torque is below the tolerance. A sudden touch where neither wrist nor skin feels is
+    doubted as well: the arm stops then. What is not finite is passed on, and nothing is learned from it.
     """
 
     def __init__(self, robot: RobotModel, params: WrenchCheckParameters | None = None) -> None:

@@ -13,9 +13,10 @@ from pydrake.systems.analysis import Simulator
 
 from saphari_drake.errors import UnknownNameError
 from saphari_drake.simulation.faults.registry import STATIC, require_faults
-from saphari_drake.simulation.faults.watch import answer
+from saphari_drake.simulation.faults.watch import Answer, answer
 from saphari_drake.simulation.runner.scenario import checked
 
+NOTHING = Answer(np.inf, np.inf, np.nan)  # of a diagram without a watch
 AFTER = 0.6  # s; how long a run goes on after its fault
 
 
@@ -38,10 +39,7 @@ class Trial(NamedTuple):
 
 
 def run_trial(trial: Trial, fault: str, seed: int, plant: str = "ideal") -> dict[str, Any]:
-    """Simulate one trial; return its reaction, when it was observable, and the largest joint speed over its limit.
-
-    Without a `fault` nothing is to be told: the reaction says when a safe state was published all the same.
-    """
+    """Simulate one trial; return its reaction, when it was observable, and the largest joint speed over its limit."""
     experiment = importlib.import_module(trial.script).EXPERIMENT
     scenario = experiment.scenario_for(trial.case)
     scenario.seed, scenario.fault_time, scenario.faults, scenario.plant = seed, trial.start(seed), [fault], plant
@@ -49,7 +47,7 @@ def run_trial(trial: Trial, fault: str, seed: int, plant: str = "ideal") -> dict
     diagram = experiment.build_diagram(checked(scenario))
     simulator = Simulator(diagram)
     simulator.AdvanceTo((trial.latest if fault in STATIC else scenario.fault_time) + AFTER)
-    became = answer(diagram, simulator.get_context())
+    became = answer(diagram, simulator.get_context()) or NOTHING
     return {
         "fault": fault,
         "seed": seed,

@@ -1,4 +1,4 @@
-"""The table of hazards: what can hurt, which function is against it, its limit, and the trials and tests that show it."""
+"""The table of hazards: what can hurt, the function against it, its limit, and the trials and tests that show it."""
 
 from __future__ import annotations
 

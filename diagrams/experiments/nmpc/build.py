@@ -14,8 +14,8 @@ from experiments.nmpc.watch import FLOOR, ObstacleWatch, add_obstacle_watch
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
 from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
-from saphari_drake.messages import ObstaclePoints
 from saphari_drake.math.tree import REVOLUTE
+from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import diagonal, require_choice
 from saphari_drake.pipelines.envelope import JointState, add_joint_check
 from saphari_drake.robots.dynamics import RobotDynamics

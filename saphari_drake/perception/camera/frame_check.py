@@ -1,4 +1,4 @@
-"""What single frames of a fixed camera show of its faults: a blind patch, too much noise, another place than thought."""
+"""What single frames of a fixed camera show of its faults: a blind patch, too much noise, another place."""
 
 from __future__ import annotations
 
@@ -104,7 +104,8 @@ def surface_points(robot: RobotModel, count: int) -> SurfacePoints:
     shapes, rng = robot.shapes, np.random.default_rng(0)
     if shapes.count == 0:
         raise ParameterError("robot", f"{robot.name} has no collision shapes to be seen by")
-    links, points, normals = [], [], []
+    links: list[int] = []
+    points, normals = [], []
     tries = 0
     while len(links) < count and tries < 20 * count:
         tries += 1

@@ -13,6 +13,7 @@ from saphari_drake.perception.camera.frame_check import (
     FrameCheckParameters,
     FrameFigures,
     FrameStatus,
+    SurfacePoints,
     background_figures,
     robot_offsets,
     surface_points,
@@ -121,15 +122,15 @@ class FrameCheck(LeafSystem):
         blind, noise, floor = background_figures(image, self._background, tuning)
         if self._points is None or not np.isfinite(q).all():
             return FrameFigures(blind, noise, floor, np.nan, np.nan)
-        p_C, n_C = self._in_camera(q)
+        p_C, n_C = self._in_camera(self._points, q)
         found, through = robot_offsets(image, p_C, n_C, self._optics, p.through, p.sigma, p.sigma_depth)
         if len(found) < p.least_points:
             return FrameFigures(blind, noise, floor, np.nan, np.nan)
         near = found[found < 0.05]
         return FrameFigures(blind, noise, floor, float(np.median(near)) if len(near) else np.nan, through)
 
-    def _in_camera(self, q: Array) -> tuple[Array, Array]:
-        motion, points = self._robot.kinematics(q), self._points
+    def _in_camera(self, points: SurfacePoints, q: Array) -> tuple[Array, Array]:
+        motion = self._robot.kinematics(q)
         R_WL = np.concatenate((motion.R_WL, np.eye(3)[None]))[points.link]  # index −1 picks the world
         p_WL = np.concatenate((motion.p_WL, np.zeros((1, 3))))[points.link]
         p_W = p_WL + np.einsum("kij,kj->ki", R_WL, points.p_L)

@@ -59,9 +59,9 @@ def judged(limits, joints, q, second):
     error of the torque above its tolerance. A joint that stands, or is held, contradicts nothing.
     """
     for i in range(len(q)):
-        if abs(q[i] - joints.q[i]) > limits.step[i]:
+        if np.isfinite(q[i]) and abs(q[i] - joints.q[i]) > limits.step[i]:
             return JUMP, i
-        if np.isfinite(second[i]) and abs(q[i] - second[i]) > limits.encoder:
+        if np.isfinite(q[i] + second[i]) and abs(q[i] - second[i]) > limits.encoder:
             return ENCODERS, i
         still = joints.still[i] + 1.0 if q[i] == joints.q[i] else 0.0
         way = joints.v[i] * joints.v[i] / (2.0 * limits.stop_acceleration)
@@ -94,4 +94,4 @@ def remembered(limits, joints, q, expected, measured):
         difference = measured[i] - min(max(measured[i], low), high)
         if np.isfinite(difference):
             error[i] = joints.error[i] + limits.torque_share * (difference - joints.error[i])
-    return q.copy(), v, still, expected.copy(), error
+    return np.where(np.isfinite(q), q, np.nan), v, still, expected.copy(), error

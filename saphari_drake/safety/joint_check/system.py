@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 
 from saphari_drake.messages import Immutable, SystemStatus
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.safety.joint_check.law import Joints, JointCheckStatus, Verdict, judged, remembered, unknown
+from saphari_drake.safety.joint_check.law import JointCheckStatus, Joints, Verdict, judged, remembered, unknown
 from saphari_drake.safety.joint_check.parameters import JointCheckParameters, tolerances
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 

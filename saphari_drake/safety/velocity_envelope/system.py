@@ -51,9 +51,9 @@ class VelocityEnvelope(LeafSystem):
     margin : 1, share of the envelope left: 1 in its middle, 0 at a limit, negative outside.
 
     Law and guarantee: `limited_velocity`; what the motors surely give: `bounds_of`. It knows nothing of the controller.
-    A command that is not finite, or comes from a dead controller (`Repeated`), counts as zero, so that the joints come to rest within their limits; positions that are
-    not finite are taken from the applied velocities meanwhile, and the joints come to rest as well. The robot stands at
-    the start.
+    A command that is not finite, or comes from a dead controller (`Repeated`), counts as zero, so that the joints come
+    to rest within their limits; positions that are not finite are taken from the applied velocities meanwhile, and the
+    joints come to rest as well. The robot stands at the start.
     """
 
     def __init__(self, robot: RobotModel, params: VelocityEnvelopeParameters | None = None) -> None:

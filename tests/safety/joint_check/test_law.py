@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saphari_drake.safety.joint_check.law import Joints, JointCheckStatus, judged, remembered, unknown
+from saphari_drake.safety.joint_check.law import JointCheckStatus, Joints, judged, remembered, unknown
 from saphari_drake.safety.joint_check.parameters import JointCheckParameters, tolerances
 
 PERIOD, STEP = 0.005, 1e-4  # s; rad of a coarse encoder

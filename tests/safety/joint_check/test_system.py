@@ -49,8 +49,9 @@ def test_a_witness_that_is_not_known_is_none(bench, lwr4, port, bad):
     np.testing.assert_array_equal(bench.read("position_checked"), lwr4.home)
 
 
-def test_a_position_that_is_not_known_is_told(bench, lwr4):
-    bench.run(2, position_measured=moved(lwr4.home, 0, np.nan))
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_position_that_is_not_known_is_told_and_no_jump(bench, lwr4, bad):
+    bench.run(2, position_measured=moved(lwr4.home, 0, bad))
     assert bench.read("system_status") == SystemStatus.BAD_INPUT
     bench.run(2, position_measured=lwr4.home)
     assert bench.read("system_status") == SystemStatus.OK
