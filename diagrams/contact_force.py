@@ -1,13 +1,16 @@
 """A person touches the arm, which keeps the force of the contact at 15 N (Section 7, Fig. 15 and 16)."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from experiments.contact.cell import ContactCell
 from experiments.contact.force_judge import CONTROLLED, judged
+from experiments.contact.force_trials import PANELS, force_trial, force_trial_metrics, run_force_trial
+from experiments.contact.random_touches import RandomTouchParameters
 from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.trials import RandomTrials, run_trials
 from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
@@ -26,16 +29,10 @@ from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals,
 CASES = {
     "drift": "15 N along a fixed Y: regulated while the person pushes along Y, drift cut off when along X",
     "compatible": "15 N along the estimated force; pushes on links 3, 5 and 6 in turn",
+    "random": "the same in random postures, on random links and points, from random directions",
 }
 # N/m and Ns/m; a hand that resists, as a person's arm does.
 STIFFNESS, DAMPING = 100.0, 20.0
-
-
-@dataclass
-class ContactForceScenario(ContactScenario):
-    """Everything a run depends on."""
-
-    case: str = "compatible"
 
 
 def resisting(
@@ -43,6 +40,19 @@ def resisting(
 ) -> Push:
     """Return the push of a hand that goes as deep past the surface (m) and resists there like a spring."""
     return Push(link, aim, direction, finger, 40.0, start, hold, depth, 0.1, STIFFNESS, DAMPING)
+
+
+@dataclass
+class ContactForceScenario(ContactScenario, RandomTrials):
+    """Everything a run depends on."""
+
+    case: str = "compatible"
+    # Random touches: how they are drawn, by what hand, and m, how far past the surface it leans in, [low, high].
+    touches: RandomTouchParameters = field(
+        default_factory=lambda: RandomTouchParameters(["link_3", "link_5", "link_6"], hold=4.5)
+    )
+    hand: Push = field(default_factory=lambda: resisting("link_6", [0.0] * 3, [0.0, -1.0, 0.0], [], 0.3, 4.5, 0.15))
+    depths: list[float] = field(default_factory=lambda: [0.14, 0.2])
 
 
 def scenario_for(case: str) -> ContactForceScenario:
@@ -94,12 +104,22 @@ def record(recorder: Recorder, parts: ContactCell) -> None:
 
 
 def build_diagram(scenario: ContactForceScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+    """Return the diagram of a scenario; of random touches that of the first one."""
+    if scenario.case == "random":
+        scenario = force_trial(scenario, scenario.numbers[0])
     return build(scenario).diagram
 
 
 def run(scenario: ContactForceScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
+    if scenario.case == "random":
+        return run_trials(
+            scenario,
+            lambda number, label: run_force_trial(scenario, number, build, replay, options, label),
+            lambda columns: force_trial_metrics(columns, scenario.system.pipeline.controller.speed_limit),
+            PANELS,
+            f"Contact force control, {CASES['random']}",
+        )
     return run_contact(build(scenario, options.meshcat), options, judged, figure, replay)
 
 

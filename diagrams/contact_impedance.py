@@ -9,12 +9,12 @@ from experiments.contact.impedance_judge import judged
 from experiments.contact.random_run import run_random, trial_of
 from experiments.contact.random_touches import RandomTouchParameters
 from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.trials import RandomTrials
 from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.messages import InteractionMode
-from saphari_drake.parameters import require_positive
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.people.recorded_push import RecordedPushParameters, recorded_push
@@ -35,19 +35,13 @@ SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
 
 
 @dataclass
-class ContactImpedanceScenario(ContactScenario):
+class ContactImpedanceScenario(ContactScenario, RandomTrials):
     """Everything a run depends on; the recorded case ends with its recording if that is earlier than `duration`."""
 
     case: str = "natural"
     recording: RecordedPushParameters = field(default_factory=RecordedPushParameters)
-    # Number of random touches (≥ 1), and the one to run alone (−1: all); touch k of a seed is the same everywhere.
     trials: int = 20
-    trial: int = -1
     touches: RandomTouchParameters = field(default_factory=RandomTouchParameters)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_positive(self, "trials")
 
 
 def scenario_for(case: str) -> ContactImpedanceScenario:
@@ -100,7 +94,7 @@ def record(recorder: Recorder, parts: ContactCell) -> None:
 def build_diagram(scenario: ContactImpedanceScenario) -> Diagram:
     """Return the diagram of a scenario; of random touches that of the first one."""
     if scenario.case == "random":
-        scenario = trial_of(scenario, max(scenario.trial, 0)).scenario
+        scenario = trial_of(scenario, scenario.numbers[0]).scenario
     return build(scenario).diagram
 
 

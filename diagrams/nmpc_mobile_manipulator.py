@@ -10,7 +10,6 @@ from experiments.nmpc.mobile_judge import judge_mobile
 from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.faults.people import changed
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
@@ -51,7 +50,7 @@ def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCe
     params = scenario.job
     params.cell.watch.sampler.noise.seed = scenario.seed
     truth = scenario.truth(params.cell.time_step)
-    job = mobile_job(scenario.known(catalog.load(scenario.robot)), params, scenario.case)
+    job = mobile_job(scenario.known(scenario.loaded()), params, scenario.case)
     job = replace(job, obstacles=changed(job.obstacles, truth, BEHIND))
     meshcat = None if options is None else options.meshcat
     return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen", truth=truth)

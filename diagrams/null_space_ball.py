@@ -5,11 +5,15 @@ the arm still yields, its damping adds to that: the force is largest, about 33 N
 """
 
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from experiments.null_space.ball_trials import PANELS, RandomBallParameters, ball_metrics, ball_trial, run_ball
 from experiments.null_space.figures import comparison
-from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
+from experiments.null_space.run import CASES as OBSERVERS
+from experiments.null_space.run import NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
+from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -18,31 +22,51 @@ from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
+CASES = {**OBSERVERS, "random": "momentum in random postures; the ball at random points, from random directions"}
 RUNS = Runs()
 
 
-def scenario_for(case: str) -> NullSpaceScenario:
+@dataclass
+class NullSpaceBallScenario(NullSpaceScenario, RandomTrials):
+    """Everything a run depends on."""
+
+    random: RandomBallParameters = field(default_factory=RandomBallParameters)
+
+
+def scenario_for(case: str) -> NullSpaceBallScenario:
     """Return the scenario of a case."""
-    scenario = NullSpaceScenario(case=case)
-    scenario.system.controller.observer = case
+    scenario = NullSpaceBallScenario(case=case)
+    scenario.system.controller.observer = "momentum" if case == "random" else case
+    if case == "random":
+        scenario.system.cell.ball.dwell, scenario.duration = 5.0, 10.5
     # The same in all cases; tests/benchmarks/gain_margins.py tells how far they may be off.
     scenario.system.controller.gamma = 1.0
     scenario.system.disturbance.rate = 80.0
     return scenario
 
 
-def build_diagram(scenario: NullSpaceScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+def build_diagram(scenario: NullSpaceBallScenario) -> Diagram:
+    """Return the diagram of a scenario; of random pushes that of the first one."""
+    if scenario.case == "random":
+        scenario = ball_trial(scenario, scenario.numbers[0])
     return build(scenario).diagram
 
 
-def run(scenario: NullSpaceScenario, options: RunOptions) -> Outcome:
+def run(scenario: NullSpaceBallScenario, options: RunOptions) -> Outcome:
     """Run a scenario, and the same without an observer for comparison, and judge it."""
     require_dwell(scenario)
+    if scenario.case == "random":
+        return run_trials(
+            scenario,
+            lambda number, label: run_ball(scenario, number, options, label),
+            ball_metrics,
+            PANELS,
+            f"Null-space compliance, ball: {CASES['random']}",
+        )
     result, reference = RUNS.get(scenario, options), RUNS.get(scenario, observer="none")
 
     def draw():
-        runs = {case: RUNS.get(scenario, observer=case) for case in CASES}
+        runs = {case: RUNS.get(scenario, observer=case) for case in OBSERVERS}
         return comparison(runs, "Ball of 1200 N/m at the fourth joint, end effector at rest (first set of experiments)")
 
     title = f"Null-space compliance, ball: {scenario.case} (green: contact force)"

@@ -20,12 +20,18 @@ from experiments.priority.three_level_build import (
     drake_three_level,
     judge_three_level,
 )
+from experiments.priority.three_level_trials import (
+    PANELS,
+    RandomPersonParameters,
+    build_person,
+    person_metrics,
+    run_person,
+)
+from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
-from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 
@@ -34,12 +40,13 @@ CASES = {
     "soft_off": "the hard upper bound alone",
     "unconstrained": "the end-effector task alone",
     "three_level": "LWR4 with torques: joint limits and a person whose place it is told, a path, a soft elbow region",
+    "random": "three_level in random postures, with random circles and people",
 }
 
 
 @dataclass
-class ReversePriorityScenario(PlantScenario):
-    """Everything a run depends on; the seed is also of the person's motion in the case three_level."""
+class ReversePriorityScenario(RandomTrials):
+    """Everything a run depends on; the seed is also of the person's motion beside the LWR4."""
 
     case: str = "constrained"
     # s; simulated time. The planar path ends with its rest at the second goal.
@@ -47,19 +54,24 @@ class ReversePriorityScenario(PlantScenario):
     robot: str = "planar_6r"
     # The planar cases.
     planar: PlanarParameters = field(default_factory=PlanarParameters)
-    # The case three_level.
+    # The cases three_level and random.
     arm: ThreeLevelParameters = field(default_factory=ThreeLevelParameters)
+    random: RandomPersonParameters = field(default_factory=RandomPersonParameters)
 
 
 def scenario_for(case: str) -> ReversePriorityScenario:
     """Return the scenario of a case."""
     if case == "three_level":
         return ReversePriorityScenario(case=case, duration=12.0, robot="lwr4")
+    if case == "random":
+        return ReversePriorityScenario(case=case, duration=8.0, robot="lwr4")
     return ReversePriorityScenario(case=case)
 
 
 def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+    """Return the diagram of a scenario; of random jobs that of the first one."""
+    if scenario.case == "random":
+        return build_person(scenario, scenario.numbers[0]).diagram
     if scenario.case == "three_level":
         return _three_level(scenario).diagram
     return _planar(scenario).diagram
@@ -67,17 +79,25 @@ def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
 
 def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
     truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
-    job = three_level_job(scenario.known(catalog.load(scenario.robot)), scenario.arm, scenario.seed)
+    job = three_level_job(scenario.known(scenario.loaded()), scenario.arm, scenario.seed)
     return build_three_level(with_faults(job, truth), meshcat, truth)
 
 
 def _planar(scenario: ReversePriorityScenario) -> PlanarCell:
     truth = scenario.truth(scenario.planar.controller.period)
-    return build_planar(scenario.known(catalog.load(scenario.robot)), scenario.planar, scenario.case, truth)
+    return build_planar(scenario.known(scenario.loaded()), scenario.planar, scenario.case, truth)
 
 
 def run(scenario: ReversePriorityScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
+    if scenario.case == "random":
+        return run_trials(
+            scenario,
+            lambda number, label: run_person(scenario, number, options, label),
+            person_metrics,
+            PANELS,
+            f"Reverse priority: {CASES['random']}",
+        )
     return run_three_level(scenario, options) if scenario.case == "three_level" else run_planar(scenario, options)
 
 
@@ -118,7 +138,7 @@ def run_planar(scenario: ReversePriorityScenario, options: RunOptions) -> Outcom
 
 def parts_of(case: str) -> tuple[str, ...]:
     """Return what of a case a fault can act on; the planar arm has neither torques nor masses."""
-    return (*ARM, "person", "view") if case == "three_level" else ("encoders", "controller")
+    return (*ARM, "person", "view") if case in ("three_level", "random") else ("encoders", "controller")
 
 
 EXPERIMENT = Experiment(
@@ -128,7 +148,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    seedless=frozenset(CASES) - {"three_level"},
+    seedless=frozenset(CASES) - {"three_level", "random"},
     parts=parts_of,
 )
 

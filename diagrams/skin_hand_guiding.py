@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 from experiments.guiding import judge
 from experiments.guiding.figures import forces_and_velocities, replay
-from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario, build
+from experiments.guiding.run import GuidingRun, GuidingRuns, build
 from experiments.guiding.touches import skin_metrics
+from experiments.guiding.trials import PANELS, RandomGuidingScenario, draw_guiding, guiding_metrics, run_guiding
+from experiments.trials import run_trials
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -21,15 +23,16 @@ CASES = {
     "end_effector_first": "the end effector is led; then a hand presses the body",
     "body_first": "the body is led through the skin; then a hand pulls the end effector",
     "recorded": "the end effector is led with the recorded force of a real person; then a hand presses the body",
+    "random": "random postures, order of the hands, and forces of both",
 }
 FIGURES = {"end_effector_first": "layout of Fig. 9", "body_first": "layout of Fig. 10", "recorded": "layout of Fig. 9"}
 SYNTHETIC = Path(__file__).parent / "data" / "hand_guiding_force.csv"
 STRONGER = 3.0
 
 
-def scenario_for(case: str) -> GuidingScenario:
+def scenario_for(case: str) -> RandomGuidingScenario:
     """Return the scenario of a case."""
-    scenario = GuidingScenario(case=case)
+    scenario = RandomGuidingScenario(case=case)
     # The noise of the wrist sensor, fed forward, shakes a wrist of 0.1 kg effective mass: firm gains and a smoothed
     # force keep it below what the second hand does. All cases have the same gains; tests/benchmarks/gain_margins.py
     # tells how far they may be off.
@@ -49,13 +52,23 @@ def scenario_for(case: str) -> GuidingScenario:
     return scenario
 
 
-def build_diagram(scenario: GuidingScenario) -> Diagram:
-    """Return the diagram of a scenario."""
+def build_diagram(scenario: RandomGuidingScenario) -> Diagram:
+    """Return the diagram of a scenario; of random trials that of the first one."""
+    if scenario.case == "random":
+        scenario = draw_guiding(scenario, scenario_for, scenario.numbers[0])
     return build(scenario, SYNTHETIC).diagram
 
 
-def run(scenario: GuidingScenario, options: RunOptions) -> Outcome:
+def run(scenario: RandomGuidingScenario, options: RunOptions) -> Outcome:
     """Run a scenario as it is, without the second hand and with a stronger one, and judge it."""
+    if scenario.case == "random":
+        return run_trials(
+            scenario,
+            lambda number, _: run_guiding(draw_guiding(scenario, scenario_for, number), number, SYNTHETIC, options),
+            guiding_metrics,
+            PANELS,
+            f"Hand guiding, {CASES['random']}",
+        )
     runs = GuidingRuns(scenario, SYNTHETIC, options)
     result, alone, stronger = runs.get(), runs.get(0.0), runs.get(STRONGER)
     title = f"Hand guiding, {CASES[scenario.case]}\n({FIGURES[scenario.case]}; dotted: the first hand alone)"

@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
+from pickle import UnpicklingError
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -122,7 +123,11 @@ class _KernelCache(FunctionCache):
         stamp = code_hash(self._kernel)
         self._cache_file = IndexDataCacheFile(self.cache_path, f"{self._stem}-{stamp}", stamp)
         with contextlib.suppress(OSError):
-            return super().load_overload(sig, target_context)
+            try:
+                return super().load_overload(sig, target_context)
+            except (AttributeError, EOFError, ImportError, UnpicklingError):
+                # Cut off, or a type of an argument has moved to another module, which its code does not tell.
+                Path(self._cache_file._index_path).unlink(missing_ok=True)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with contextlib.suppress(OSError):

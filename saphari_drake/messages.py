@@ -35,6 +35,14 @@ def status_of(*values: NDArray[np.float64]) -> SystemStatus:
     return SystemStatus.OK if all(np.isfinite(value).all() for value in values) else SystemStatus.BAD_INPUT
 
 
+def _finite(value: NDArray[np.float64], shape: tuple[int, ...]) -> bool:
+    return np.shape(value) == shape and bool(np.isfinite(value).all())
+
+
+def _on(link: int, links: int, p: NDArray[np.float64]) -> bool:
+    return isinstance(link, int | np.integer) and bool(0 <= link < links) and _finite(p, (3,))
+
+
 class CommandMode(IntEnum):
     """What becomes of the command of a controller, also published as a number."""
 
@@ -129,6 +137,10 @@ class ContactPoint(Immutable):
     distance: float = np.inf
     stamp: float = -np.inf
 
+    def usable(self, links: int) -> bool:
+        """Whether it is a point, of three finite numbers, on one of so many links."""
+        return _on(self.link, links, self.p_LC)
+
 
 class ObstacleStatus(IntEnum):
     """State of a source of obstacle points, also published as a number."""
@@ -151,7 +163,7 @@ class ObstaclePoints(Immutable):
     radius : (m,) array
         How far the obstacle reaches around each point (m).
     stamp : float
-        Time at which the points were seen (s).
+        Time at which the points were seen (s); −∞: they hold at all times, as things that stand still.
     status : ObstacleStatus
     """
 
@@ -160,6 +172,19 @@ class ObstaclePoints(Immutable):
     radius: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     stamp: float = -np.inf
     status: ObstacleStatus = ObstacleStatus.OK
+
+    @property
+    def usable(self) -> bool:
+        """Whether all sizes fit, all numbers are finite, and no radius is negative."""
+        m = len(self.p_WO)
+        fits = _finite(self.p_WO, (m, 3)) and _finite(self.v_WO, (m, 3)) and _finite(self.radius, (m,))
+        return fits and bool(np.min(self.radius, initial=0.0) >= 0.0)
+
+    def age(self, time: float) -> float:
+        """Return how long ago they were seen (s): 0 where they hold at all times, ∞ for a stamp that is no number."""
+        if self.stamp == -np.inf:
+            return 0.0
+        return max(time - self.stamp, 0.0) if np.isfinite(self.stamp) else np.inf
 
 
 class SkinStatus(IntEnum):
@@ -192,15 +217,14 @@ class SkinContact(Immutable):
     n_L: NDArray[np.float64]
     f_L: NDArray[np.float64]
 
+    def usable(self, links: int) -> bool:
+        """Whether it is a point and a force, of three finite numbers each, on one of so many links."""
+        return _on(self.link, links, self.p_LC) and _finite(self.f_L, (3,))
+
     @property
     def normal_force(self) -> float:
         """Force into the surface (N, positive when pressed)."""
         return -float(self.n_L @ self.f_L)
-
-    @property
-    def tangential_force_L(self) -> NDArray[np.float64]:
-        """Force along the surface, in the link frame (N), (3,)."""
-        return self.f_L + self.normal_force * self.n_L
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,11 @@ from pydrake.systems.framework import (
 # it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
 CYCLE_OFFSET = 1.0e-6
 
+# At every step of a simulation pydrake looks in each Python system for a method of this name. That there is none it
+# remembers only where it finds one of its own instead: without it the search takes a microsecond a system and step.
+if not hasattr(LeafSystem, "DoGetWitnessFunctions"):
+    LeafSystem.DoGetWitnessFunctions = LeafSystem.GetWitnessFunctions
+
 
 def cycle(period: float) -> dict[str, float]:
     """Return period and offset (s) of a control cycle's events; the first is one period after the start.

@@ -178,6 +178,16 @@ print(shifted(3.0))
     assert call(small, program) == [7.0]
 
 
+@pytest.mark.parametrize("spoilt", [b"", b"\x80\x05cnowhere\nTable\n.", b"no pickle"])
+def test_a_spoilt_index_is_made_anew(small, spoilt):
+    """One that is cut off, or names a type that has moved."""
+    call(small)
+    (index,) = (small / "__pycache__").glob("outer.*.nbi")
+    index.write_bytes((pickle.dumps(numba.__version__) if spoilt else b"") + spoilt)
+    assert call(small)[:2] == [7.0, 0]
+    assert call(small)[:2] == [7.0, 1]
+
+
 def test_functions_of_others_keep_numbas_cache(tmp_path, monkeypatch):
     """numba's own njit is untouched."""
     (tmp_path / "theirs.py").write_text("from numba import njit\n\n@njit(cache=True)\ndef f(x):\n    return x\n")

@@ -16,7 +16,7 @@ import saphari_drake
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation import JointVelocity, JointVelocityParameters
 from saphari_drake.perception import CameraCheck, CameraParameters
-from saphari_drake.safety import TorqueLimit
+from saphari_drake.safety import PowerForceLimit, SpeedSeparation, Supervisor, TorqueChoice, TorqueLimit
 
 ROOT = Path(saphari_drake.__file__).parent
 PACKAGES = sorted(
@@ -75,6 +75,8 @@ def systems() -> dict[type, LeafSystem]:
     """Return one system of each class of this library, out of the experiments' diagrams."""
     robot = saphari_drake.lwr4()
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
+    found |= {SpeedSeparation: SpeedSeparation(robot), PowerForceLimit: PowerForceLimit(robot)}
+    found |= {Supervisor: Supervisor(), TorqueChoice: TorqueChoice(robot.n)}
     found[JointVelocity] = JointVelocity(robot, JointVelocityParameters(resolution=1e-4))
     for script, case in DIAGRAMS.items():
         experiment = importlib.import_module(script).EXPERIMENT

@@ -43,7 +43,7 @@ def numbers(script, case, seed, duration):
 @pytest.mark.parametrize("name", SHORT)
 def test_a_seed_changes_what_is_said(name):
     script = load(name)
-    for case in script.CASES:
+    for case in [case for case in script.CASES if case != "random"]:
         first, second = (numbers(script, case, seed, SHORT[name]) for seed in (0, 1))
         seedless = case in script.EXPERIMENT.seedless
         assert np.array_equal(first, second, equal_nan=True) == seedless, case

@@ -8,7 +8,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from saphari_drake.estimation.excitation import Excitation, draw_excitation
 from saphari_drake.estimation.joint_identification import Identification, Motion, regressor
-from saphari_drake.robots import catalog
 from saphari_drake.robots.corrections import corrected
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -41,7 +40,7 @@ class Recorded(NamedTuple):
 
 def best_excitation(scenario: Any) -> Excitation:
     """Return, of some random motions, the one whose regressor has the best conditioned scaled columns."""
-    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    robot = scenario.loaded(scenario.home)
     rng = np.random.default_rng([scenario.seed, 20])
 
     def uncertainty(motion: Excitation) -> float:
@@ -59,7 +58,7 @@ def best_excitation(scenario: Any) -> Excitation:
 
 def build_identification(scenario: Any, motion: Excitation) -> Recorded:
     """Build the diagram: the motion → a position servo → torques of the plant; sensor and torque are recorded."""
-    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    robot = scenario.loaded(scenario.home)
     truth, params = scenario.truth(scenario.servo.period), PlantParameters(payload=scenario.payload)
     builder = DiagramBuilder()
     cell = add_cell(builder, robot, [Floor()], params, truth)

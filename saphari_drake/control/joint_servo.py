@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -101,7 +101,7 @@ class JointVelocityServo(LeafSystem):
         super().__init__()
         self._params, zero = params or JointServoParameters(), np.zeros(robot.n)
         terms = evaluate_dynamics(robot, robot.home, zero)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g, zero)))
         start = _Output(terms.g, zero, SystemStatus.OK)

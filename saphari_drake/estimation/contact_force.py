@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ContactPoint, SystemStatus, status_of
 from saphari_drake.parameters import require_positive
-from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import declare_cache, declare_readouts
 
@@ -110,7 +110,7 @@ class ContactForceEstimator(LeafSystem):
         self._params = params or ContactForceParameters()
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         terms.point(0, np.zeros(3))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._torque = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
         self._friction = self.DeclareVectorInputPort("friction_uncertainty", BasicVector(robot.n))
@@ -132,8 +132,8 @@ class ContactForceEstimator(LeafSystem):
     def _estimate(self, context: Context) -> ContactForce:
         point: ContactPoint = self._point.Eval(context)
         r, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
-        on_robot = 0 <= point.link < len(r) or not point.found
-        if not (terms.finite and on_robot and status_of(r, point.p_LC) == SystemStatus.OK):
+        on_robot = point.usable(len(r)) or not point.found
+        if not (terms.finite and on_robot and status_of(r) == SystemStatus.OK):
             return ContactForce(np.full(3, np.nan), 0, np.eye(3), np.full(len(r), np.nan))
         if not point.found:
             return ContactForce(np.zeros(3), 0, np.eye(3), r)

@@ -1,23 +1,25 @@
 """Friction of the joints as it was identified, for observers that are to see a touch behind it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
+from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
 
 @dataclass
 class JointFrictionParameters:
-    """Identified friction; nothing by default."""
+    """Friction of the joints, as it was identified."""
 
-    # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint.
+    # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint. Viscous, empty: that of the model
+    # file. Coulomb friction of the file, `RobotModel.coulomb`, has no part in Drake's plant: give it for a real arm.
     coulomb: list[float] | float = 0.0
-    viscous: list[float] | float = 0.0
+    viscous: list[float] | float = field(default_factory=list)
     # rad (m); way over which friction turns round when a joint does: ten steps of an encoder or more. Assumed.
     turn: float = 1.0e-4
     # Share of the Coulomb friction by which it may be wrong in motion; thresholds of a contact rise by it. Assumed.
@@ -54,7 +56,8 @@ class JointFriction(NamedTuple):
         return sign + (share - sign) * np.exp(-np.abs(way) / self.turn)
 
 
-def joint_friction(params: JointFrictionParameters, n: int) -> JointFriction:
-    """Return the friction of a robot with n joints."""
-    coulomb, viscous = (diagonal(getattr(params, name), n, name) for name in ("coulomb", "viscous"))
+def joint_friction(params: JointFrictionParameters, robot: RobotModel) -> JointFriction:
+    """Return the friction of a robot's joints."""
+    coulomb = diagonal(params.coulomb, robot.n, "coulomb")
+    viscous = diagonal(params.viscous, robot.n, "viscous") if np.size(params.viscous) else robot.viscous
     return JointFriction(coulomb, viscous, params.turn, params.uncertainty)

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import require_non_negative, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -141,7 +141,7 @@ class JointVelocity(LeafSystem):
         self.gains = velocity_gains(np.diag(terms.M), params)
         self._position = self.DeclareVectorInputPort("position_measured", BasicVector(n))
         self._velocity = self.DeclareVectorInputPort("velocity_measured", BasicVector(n))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(n))
         zero = np.zeros(n)
         self._none = _Memory(JointEstimate(zero, zero, zero), zero, False)

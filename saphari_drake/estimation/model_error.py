@@ -13,7 +13,7 @@ from saphari_drake.estimation.model_error_law import Learned, learn, prior, sens
 from saphari_drake.estimation.momentum_observer import discrete_gain
 from saphari_drake.messages import Immutable, status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_outputs, declare_readouts
 
@@ -155,7 +155,7 @@ class ModelErrorEstimator(LeafSystem):
             [np.zeros(n + 4), self._variance * (p.period / p.drift_time) ** 2 * (offset > 0.0)]
         )
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(n))
         self._contact = self.DeclareVectorInputPort("contact", BasicVector(1))
         H = sensitivity(terms.motion, self._tree)

@@ -5,14 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.joint_friction import JointFrictionParameters, joint_friction
 from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -135,7 +134,8 @@ class MomentumObserver(LeafSystem):
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
     no delay but that of the average: r at a sample uses the momentum of that sample. A mistake of model or friction
     appears as external torque.
-    Identified friction acts beside the torque: `JointFriction`, from the measured way of the joints.
+    Friction acts beside the torque: `JointFriction`, from the measured way of the joints; that of the model file is
+    known from the start, where it is viscous.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """
 
@@ -145,11 +145,11 @@ class MomentumObserver(LeafSystem):
         self._period = params.period
         self._gain = discrete_gain(diagonal(params.gain, robot.n, "gain"), params.period)
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
         self._delay = params.delay
         self._kept = int(np.ceil(self._delay))
-        self._friction = joint_friction(params.friction, robot.n)
+        self._friction = joint_friction(params.friction, robot)
         self._share = self.DeclareDiscreteState(robot.n)  # of Coulomb friction
         self._integral = self.DeclareDiscreteState(robot.n)
         self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first

@@ -41,6 +41,15 @@ def apply(A, x):
 
 
 @njit(cache=True)
+def all_finite(x):
+    """Return whether all numbers of a vector are finite."""
+    for i in range(len(x)):
+        if not np.isfinite(x[i]):
+            return False
+    return True
+
+
+@njit(cache=True)
 def symmetric_eigen(A):
     """Return eigenvalues (n,), ascending, and eigenvectors as columns (n, n), of a symmetric matrix (Jacobi)."""
     n = A.shape[0]

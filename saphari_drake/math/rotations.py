@@ -9,6 +9,15 @@ from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply
 
 
+def are_rotations(R: NDArray[np.float64], tolerance: float = 1e-6) -> bool:
+    """Whether all of (…, 3, 3) are rotations: finite, orthonormal and right-handed."""
+    if not np.isfinite(R).all():
+        return False
+    apart = np.abs(np.einsum("...ij,...ik->...jk", R, R) - np.eye(3))
+    right = np.einsum("...i,...i->...", np.cross(R[..., 0], R[..., 1]), R[..., 2])
+    return bool(np.all(apart < tolerance) and np.all(right > 0.0))
+
+
 @njit(cache=True)
 def skew(w: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the 3×3 matrix with ``skew(w) @ a == cross(w, a)``."""

@@ -67,6 +67,13 @@ def _cross(a, b, out):
 
 
 @njit(cache=True)
+def _add_cross(a, b, out):
+    out[0] += a[1] * b[2] - a[2] * b[1]
+    out[1] += a[2] * b[0] - a[0] * b[2]
+    out[2] += a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
 def _times(A, B, out):
     """Product of two 3×3 matrices."""
     for i in range(3):
@@ -92,30 +99,24 @@ def _dot(a, b):
 @njit(cache=True)
 def _motion_cross(V, S, out):
     """Return V × S of two motion vectors, [ω×s_ω; ω×s_v + v×s_ω]."""
-    a = np.empty(3)
     _cross(V[:3], S[:3], out[:3])
     _cross(V[:3], S[3:], out[3:])
-    _cross(V[3:], S[:3], a)
-    out[3:] += a
+    _add_cross(V[3:], S[:3], out[3:])
 
 
 @njit(cache=True)
 def _force_cross(V, F, out):
     """Return V ×* F of a motion and a force vector, [ω×n + v×f; ω×f]."""
-    a = np.empty(3)
     _cross(V[:3], F[:3], out[:3])
-    _cross(V[3:], F[3:], a)
-    out[:3] += a
+    _add_cross(V[3:], F[3:], out[:3])
     _cross(V[:3], F[3:], out[3:])
 
 
 @njit(cache=True)
 def _inertia_times(m, mc, I_O, V, out):
     """Momentum of a body with mass m, first moment mc and inertia I_O about the world origin."""
-    a = np.empty(3)
     _apply(I_O, V[:3], out[:3])
-    _cross(mc, V[3:], a)
-    out[:3] += a
+    _add_cross(mc, V[3:], out[:3])
     _cross(V[:3], mc, out[3:])
     for i in range(3):
         out[3 + i] += m * V[3 + i]
@@ -213,3 +214,11 @@ def tree_dynamics(tree, motion, v):
             H[k] += H[j]
             F[k] += F[j]
     return M, Cv, CTv, g, p
+
+
+@njit(cache=True)
+def tree_state(tree, q, v):
+    """Return all that `tree_kinematics` and `tree_dynamics` do of a state: R_WL, p_WL, S, V, A, M, Cq̇, Cᵀq̇, g, p."""
+    motion = tree_kinematics(tree, q, v)
+    M, Cv, CTv, g, p = tree_dynamics(tree, motion, v)
+    return motion.R_WL, motion.p_WL, motion.S, motion.V, motion.A, M, Cv, CTv, g, p

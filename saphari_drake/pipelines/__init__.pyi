@@ -37,3 +37,21 @@ from .null_space import (
 from .null_space import (
     add_null_space_pipeline as add_null_space_pipeline,
 )
+from .safe_cell.cell import (
+    SafeCell as SafeCell,
+)
+from .safe_cell.cell import (
+    add_safe_cell as add_safe_cell,
+)
+from .safe_cell.job_path import (
+    Job as Job,
+)
+from .safe_cell.parameters import (
+    CellMeasurements as CellMeasurements,
+)
+from .safe_cell.parameters import (
+    CellSetup as CellSetup,
+)
+from .safe_cell.parameters import (
+    SafeCellParameters as SafeCellParameters,
+)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from saphari_drake.estimation.joint_velocity import JointVelocity, JointVelocityParameters
 from saphari_drake.robots.dynamics import RobotDynamics
@@ -65,6 +65,11 @@ class EstimatedState(NamedTuple):
     state: JointState
     estimator: JointVelocity | None  # none: the state is the measured one
 
+    def feed(self, builder: DiagramBuilder, system: LeafSystem) -> None:
+        """Give the state to a system."""
+        for name, port in zip(("position_measured", "velocity_measured"), self.state):
+            builder.Connect(port, system.GetInputPort(name))
+
     def close(self, builder: DiagramBuilder, dynamics: RobotDynamics, torque: OutputPort) -> None:
         """Tell the estimator, if there is one, dynamics and torque."""
         if self.estimator:
@@ -96,7 +101,7 @@ def add_joint_envelope(
     period: float,
     velocity: JointVelocityParameters | None = None,
 ) -> JointEnvelope:
-    """Add an envelope behind a switch, with dynamics of its own; its `torque_mean` is over `period`.
+    """Add an envelope behind a switch; its `torque_mean` is over `period`.
 
     Without a joint state at its own rate it takes the one that is held over `period`, and acts as often: bounds on
     what happens between are then coarser. With `velocity`, its own joint state is estimated behind coarse encoders.
@@ -109,16 +114,12 @@ def add_joint_envelope(
     if own and velocity:
         smoothing = replace(velocity, period=params.period, unknown_torque=velocity.envelope_torque)
     estimated = add_joint_velocity(builder, robot, own or held, smoothing, "envelope_velocity")
-    state, dynamics = estimated.state, builder.AddNamedSystem("envelope_dynamics", RobotDynamics(robot))
     envelope = builder.AddNamedSystem("joint_envelope", JointEnvelope(robot, params))
-    builder.Connect(state.position, dynamics.GetInputPort("position_measured"))
-    builder.Connect(state.velocity, dynamics.GetInputPort("velocity_measured"))
+    estimated.feed(builder, envelope)
     builder.Connect(torque_external, envelope.GetInputPort("torque_external"))
-    connect(
-        builder,
-        (dynamics, "dynamics", envelope),
-        (switch, "torque_commanded", envelope),
-        (envelope, "torque_applied", switch),
-    )
-    estimated.close(builder, dynamics, envelope.GetOutputPort("torque_acting"))
+    connect(builder, (switch, "torque_commanded", envelope), (envelope, "torque_applied", switch))
+    if estimated.estimator:
+        dynamics = builder.AddNamedSystem("envelope_dynamics", RobotDynamics(robot))
+        estimated.feed(builder, dynamics)
+        estimated.close(builder, dynamics, envelope.GetOutputPort("torque_acting"))
     return envelope

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from saphari_drake.errors import UnknownNameError
+from saphari_drake.robots.attached import ModelOptions
 from saphari_drake.robots.model import RobotModel
 
 
@@ -43,8 +44,13 @@ _HOME = {
 }
 
 
-def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike = ()) -> RobotModel:
-    """Return a shipped robot by its name, or any robot by the path of its URDF or SDF.
+def load(
+    name_or_path: str,
+    X_WB: RigidTransform | None = None,
+    home: ArrayLike = (),
+    options: ModelOptions | None = None,
+) -> RobotModel:
+    """Return a shipped robot by its name, or any robot by the path of its URDF, SDF or MJCF.
 
     Parameters
     ----------
@@ -53,6 +59,8 @@ def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike 
         Pose of its root in the world.
     home : (n,) array, optional
         Home posture (rad or m) in place of its own.
+    options : ModelOptions, optional
+        Which of its joints move, their limits, a tool, a load.
 
     Raises
     ------
@@ -61,10 +69,21 @@ def load(name_or_path: str, X_WB: RigidTransform | None = None, home: ArrayLike 
     ModelError, StateError
         If the file cannot be used, or `home` has another size.
     """
-    given = np.asarray(home, dtype=float)
+    posture: ArrayLike | None = home if np.size(home) else None
+    path, more = Path(name_or_path), options or ModelOptions()
     if name_or_path in _HOME:
         path = models_dir() / name_or_path / f"{name_or_path}.urdf"
-        return RobotModel(path, X_WB=X_WB, home=given if given.size else np.deg2rad(_HOME[name_or_path]))
-    if Path(name_or_path).suffix.lower() in (".urdf", ".sdf", ".xml"):
-        return RobotModel(name_or_path, X_WB=X_WB, home=given if given.size else None)
-    raise UnknownNameError("robot", name_or_path, [*_HOME, "or the path of a .urdf or .sdf file"])
+        if posture is None and not more.joints:
+            posture = np.deg2rad(_HOME[name_or_path])
+    elif path.suffix.lower() not in (".urdf", ".sdf", ".xml"):
+        raise UnknownNameError("robot", name_or_path, [*_HOME, "or the path of a .urdf, .sdf or .xml file"])
+    return RobotModel(
+        path,
+        X_WB=X_WB,
+        home=posture,
+        effort_limits=more.effort_limits or None,
+        velocity_limits=more.velocity_limits or None,
+        joints=more.joints,
+        attached=(more.tool, more.payload),
+        package_dirs=more.package_dirs,
+    )

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, LeafSystem
 
-from saphari_drake.math.tree import tree_dynamics, tree_kinematics
+from saphari_drake.math.products import all_finite
+from saphari_drake.math.tree import tree_state
 from saphari_drake.robots.kinematics import Kinematics
 from saphari_drake.robots.model import RobotModel
 
@@ -55,10 +57,37 @@ def evaluate_dynamics(robot: RobotModel, q: ArrayLike, v: ArrayLike) -> Dynamics
     StateError
         If a state has the wrong size or is not finite.
     """
-    q, v = robot.checked_vector(q, "positions"), robot.checked_vector(v, "velocities")
-    motion = tree_kinematics(robot.tree, q, v)
-    M, Cv, CTv, g, p = tree_dynamics(robot.tree, motion, v)
-    return DynamicsTerms(**motion._asdict(), q=q, v=v, M=M, Cv=Cv, CTv=CTv, g=g, p=p)
+    return _terms(robot, robot.checked_vector(q, "positions"), robot.checked_vector(v, "velocities"))
+
+
+def _terms(robot: RobotModel, q: Array, v: Array) -> DynamicsTerms:
+    R_WL, p_WL, S, V, A, *terms = tree_state(robot.tree, q, v)
+    return DynamicsTerms(R_WL, p_WL, S, V, A, robot.tree.parent, q, v, *terms)
+
+
+class DynamicsInput:
+    """The input port `dynamics` of a system; what is of a robot with other joints counts as not known.
+
+    Parameters
+    ----------
+    system : LeafSystem
+        Gets the port.
+    terms : DynamicsTerms
+        Of any state of its robot.
+    """
+
+    def __init__(self, system: LeafSystem, terms: DynamicsTerms) -> None:
+        self._port = system.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._unknown = terms.unknown()
+
+    def Eval(self, context: Context) -> Any:
+        """Return the terms of a Context."""
+        terms: DynamicsTerms = self._port.Eval(context)
+        return terms if terms.M.shape == self._unknown.M.shape else self._unknown
+
+    def ticket(self) -> DependencyTicket:
+        """Return the port's ticket."""
+        return self._port.ticket()
 
 
 class RobotDynamics(LeafSystem):
@@ -98,5 +127,5 @@ class RobotDynamics(LeafSystem):
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
         q, v = (port.Eval(context) for port in self._ports)
-        known = np.isfinite(q).all() and np.isfinite(v).all()
-        output.set_value(evaluate_dynamics(self._robot, q, v) if known else self._unknown)
+        known = all_finite(q) and all_finite(v)
+        output.set_value(_terms(self._robot, q, v) if known else self._unknown)

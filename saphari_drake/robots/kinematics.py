@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.errors import StateError
 from saphari_drake.math.tree import TreeMotion
 from saphari_drake.math.tree_matrices import point_kinematics
 from saphari_drake.messages import Immutable
@@ -52,12 +53,28 @@ class Kinematics(Immutable):
 
     def position(self, link: int, p_LC: Array) -> Array:
         """Return the position (3,) in the world of point p_LC (m, link frame) of a link."""
+        self._require(link, p_LC)
         return self.p_WL[link] + self.R_WL[link] @ p_LC
 
     def in_link(self, link: int, p_W: Array) -> Array:
         """Return a point of the world (3,) in the frame of a link (m)."""
+        self._require(link, p_W)
         return self.R_WL[link].T @ (p_W - self.p_WL[link])
 
     def point(self, link: int, p_LC: Array) -> PointKinematics:
-        """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link."""
+        """Return position, velocity, Jacobian and J̇q̇ of point p_LC (m, link frame) of a link.
+
+        Raises
+        ------
+        StateError
+            If there is no such link, or the point is not three numbers; a compiled law would read what lies behind.
+        """
+        self._require(link, p_LC)
         return PointKinematics(*point_kinematics(self.motion, link, p_LC))
+
+    def _require(self, link: int, p: Array) -> None:
+        links = len(self.p_WL)
+        if not (isinstance(link, int | np.integer) and 0 <= link < links):
+            raise StateError(f"link: there are 0 … {links - 1}, got {link!r}")
+        if np.shape(p) != (3,):
+            raise StateError(f"point: needs three numbers, got shape {np.shape(p)}")

@@ -1,4 +1,4 @@
-"""RobotModel: kinematic tree, inertias, limits and shapes of one arm, read from its URDF or SDF by Drake."""
+"""RobotModel: kinematic tree, inertias, limits and shapes of one arm, read from its URDF, SDF or MJCF by Drake."""
 
 from __future__ import annotations
 
@@ -16,8 +16,23 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from saphari_drake.errors import ModelError, StateError, UnknownNameError
 from saphari_drake.math.tree import tree_kinematics
+from saphari_drake.robots.assembly import (
+    Values,
+    add_actuators,
+    add_packages,
+    chosen_joints,
+    held_position,
+    joints_of,
+    limits_by_joint,
+    lock,
+    parsed,
+    require_tree,
+    resting_position,
+    weld_root,
+)
+from saphari_drake.robots.attached import Payload, Tool, attach
 from saphari_drake.robots.kinematics import Kinematics
-from saphari_drake.robots.model_file import require_physical_inertias, urdf_effort_limits
+from saphari_drake.robots.model_file import read_facts
 from saphari_drake.robots.shapes import LinkShapes, read_shapes
 from saphari_drake.robots.tree_reader import read_tree
 
@@ -29,20 +44,26 @@ class RobotModel:
 
     Link j is the body that joint j moves; bodies welded to it are part of it. A mobile base is a chain of joints
     (prismatic x and y, revolute z) below the arm. Everything is read from the model file; what the file lacks is
-    named in a `ModelError` or given by an argument.
+    named in a `ModelError` or given by an argument. Whatever plant it is added to is as the arguments say.
 
     Parameters
     ----------
     path : path
-        URDF or SDF with exactly one model.
+        URDF, SDF or MJCF with exactly one model.
     X_WB : RigidTransform, optional
         Pose in the world of the model's root body, which is welded there; for files that do not weld it themselves.
-    home : (n,) array, optional
-        Home posture (rad or m); default: the file's default positions.
-    effort_limits : (n,) array or mapping from joint name, optional
-        Joint torque (or force) limits; replaces those of the file.
+    home : (n,) array or mapping from joint name, optional
+        Home posture (rad or m); default: the file's default positions, and the middle of the limits of a joint for
+        which that lies outside. A mapping may also tell where joints that do not move stay.
+    effort_limits, velocity_limits : (n,) array or mapping from joint name, optional
+        Limits of torque or force (Nm or N) and of speed (rad/s or m/s); they replace those of the file.
+    joints : sequence of str, optional
+        Joints that move, ``*`` for any letters; the others are welded where they are. Default: all but those that
+        follow others (mimic) and those that are followed, as the fingers of a gripper.
+    attached : sequence of Payload and Tool, optional
+        What the arm carries, part of its links from then on.
     package_dirs : sequence of paths, optional
-        Folders to search for ``package://`` addresses.
+        Folders to search for ``package://`` addresses, before Drake's own packages.
 
     Attributes
     ----------
@@ -51,14 +72,19 @@ class RobotModel:
     joint_names, link_names : tuple of str
     q_min, q_max, v_max, tau_max : (n,) arrays
         Limits (infinite where the file gives no position or velocity limit).
+    viscous, coulomb : (n,) arrays
+        Friction of the joints as the file has it (Nms/rad or Ns/m, and Nm or N). Drake's plant has the viscous one
+        alone, and so has what `MomentumObserver` expects, unless it is told another.
     file_tree : Tree
         Tree with the inertias of the file, also where `corrected` has others.
 
     Raises
     ------
     ModelError
-        If the file does not exist, does not parse, has other joints, lacks mass or effort limits, or fixes its root to
-        the world itself and X_WB is given.
+        If the file does not exist, does not parse, has other joints or a loop of them, lacks mass or effort limits, or
+        fixes its root to the world itself and X_WB is given.
+    StateError
+        If `home` has another size, or lies outside the limits.
     """
 
     def __init__(
@@ -66,115 +92,79 @@ class RobotModel:
         path: str | Path,
         *,
         X_WB: RigidTransform | None = None,
-        home: ArrayLike | None = None,
-        effort_limits: ArrayLike | Mapping[str, float] | None = None,
+        home: Values | None = None,
+        effort_limits: Values | None = None,
+        velocity_limits: Values | None = None,
+        joints: Sequence[str] = (),
+        attached: Sequence[Payload | Tool] = (),
         package_dirs: Sequence[str | Path] = (),
     ) -> None:
         self.path = Path(path)
         self.X_WB = X_WB or RigidTransform()
-        self._package_dirs = tuple(package_dirs)
-        self._effort_limits = effort_limits
+        self._package_dirs, self._attached, self._joints = tuple(package_dirs), tuple(attached), tuple(joints)
+        self._effort_limits, self._positions = effort_limits, home if isinstance(home, Mapping) else {}
         if not self.path.is_file():
             raise ModelError(f"no model file '{self.path}'")
+        self._facts = read_facts(self.path)
         plant = MultibodyPlant(0.0)
         instance = self.add_to(plant)
         plant.Finalize()
         self.name = plant.GetModelInstanceName(instance)
         self.tree, self.joint_names, self.link_names, self._frames = read_tree(plant, instance, self.path)
         self.n, self.file_tree = len(self.joint_names), self.tree
-        self._read_limits(plant, instance)
-        self.home = self._checked_home(plant, home)
+        self._read_joints(plant, instance, velocity_limits)
+        if home is not None and not isinstance(home, Mapping):
+            self.home = self.checked_posture(home, "home")
         self._shapes: LinkShapes | None = None
 
     # ---- construction -------------------------------------------------------------------------------------------
 
     def add_to(self, plant: MultibodyPlant) -> ModelInstanceIndex:
-        """Add this robot, welded at X_WB, to a plant that is not finalized; return its model instance."""
+        """Add this robot, welded at X_WB, to a plant that is not finalized; return its model instance.
+
+        A second robot of the same name gets another name.
+        """
         parser = Parser(plant)
-        for folder in self._package_dirs:
-            parser.package_map().PopulateFromFolder(str(folder))
-        try:
-            instances = parser.AddModels(str(self.path))
-        except RuntimeError as error:
-            raise ModelError(f"{self.path}: {error}") from error
-        require_physical_inertias(self.path)
-        if len(instances) != 1:
-            raise ModelError(f"{self.path}: holds {len(instances)} models; one is needed")
-        (instance,) = instances
-        self._weld_root(plant, instance)
-        self._add_actuators(plant, instance)
+        parser.SetAutoRenaming(True)
+        add_packages(parser, self.path, self._package_dirs)
+        instance = parsed(plant, parser, self.path, len(self._facts.mimic))
+        weld_root(plant, instance, self.X_WB, self.path)
+        require_tree(plant, instance, self.path)
+        joints = {joint.name(): joint for joint in joints_of(plant, instance)}
+        for name in self._positions:
+            if name not in joints:
+                raise UnknownNameError("joint", name, joints)
+        moving = chosen_joints(list(joints), self._joints, self._facts.mimic, self.path)
+        held = {name: held_position(name, joints, self._positions, self._facts.mimic) for name in joints}
+        for name in sorted(held.keys() - set(moving)):
+            lock(plant, joints[name], held[name])
+        limits = limits_by_joint(self._effort_limits, moving, "effort_limits")
+        add_actuators(plant, instance, limits, self._facts.effort, self.path)
+        if moving:
+            attach(plant, parser, self._attached, joints[moving[-1]].child_body())
         return instance
 
-    def _weld_root(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
-        children = {joint.child_body().index() for joint in joints}
-        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-        roots = [body for body in bodies if body.index() not in children]
-        if len(roots) > 1:
-            names = ", ".join(body.name() for body in roots)
-            raise ModelError(f"{self.path}: more than one body without a parent joint, or with a floating one: {names}")
-        if roots:
-            plant.WeldFrames(plant.world_frame(), roots[0].body_frame(), self.X_WB)
-        elif not self.X_WB.IsExactlyIdentity():
-            raise ModelError(f"{self.path}: the file fixes its root to the world; leave X_WB out")
-
-    def _add_actuators(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-        """Give every joint an actuator, in the order of the joints, with a finite effort limit."""
-        actuated = {}
-        for index in plant.GetJointActuatorIndices():  # by instance, the list is empty before Finalize
-            actuator = plant.get_joint_actuator(index)
-            if actuator.model_instance() == instance:
-                actuated[actuator.joint().name()] = actuator
-        joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
-        moving = [joint for joint in joints if joint.num_velocities() == 1]
-        limits = self._given_effort_limits([joint.name() for joint in moving])
-        in_file = urdf_effort_limits(self.path)
-        missing = []
-        for joint in moving:
-            name = joint.name()
-            limit = limits.get(name, actuated[name].effort_limit() if name in actuated else in_file.get(name, np.inf))
-            if not (np.isfinite(limit) and limit > 0.0):
-                missing.append(name)
-            elif name in actuated:
-                actuated[name].set_effort_limit(limit)
-            else:
-                plant.AddJointActuator(name, joint, limit)
-        if missing:
-            raise ModelError(f"{self.path}: no finite effort limit > 0 for {', '.join(missing)}; pass effort_limits")
-
-    def _given_effort_limits(self, joints: list[str]) -> dict[str, float]:
-        given = self._effort_limits
-        if given is None:
-            return {}
-        if isinstance(given, Mapping):
-            for name in given:
-                if name not in joints:
-                    raise UnknownNameError("joint", name, joints)
-            return dict(given)
-        values = np.asarray(given, dtype=float)
-        if values.shape != (len(joints),):
-            raise ModelError(f"effort_limits: needs {len(joints)} entries ({', '.join(joints)}), got {values.shape}")
-        return dict(zip(joints, values.tolist()))
-
-    def _read_limits(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+    def _read_joints(self, plant: MultibodyPlant, instance: ModelInstanceIndex, speeds: Values | None) -> None:
         joints = [plant.GetJointByName(name, instance) for name in self.joint_names]
         self.q_min = np.array([joint.position_lower_limits()[0] for joint in joints])
         self.q_max = np.array([joint.position_upper_limits()[0] for joint in joints])
-        self.v_max = np.array([joint.velocity_upper_limits()[0] for joint in joints])
+        given = limits_by_joint(speeds, self.joint_names, "velocity_limits")
+        own = zip(self.joint_names, joints)
+        self.v_max = np.array([given.get(name, joint.velocity_upper_limits()[0]) for name, joint in own])
+        self.viscous = np.array([joint.default_damping_vector()[0] for joint in joints])
+        self.coulomb = np.array([self._facts.coulomb.get(name, 0.0) for name in self.joint_names])
         actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices(instance)]
         limit = {actuator.joint().name(): actuator.effort_limit() for actuator in actuators}
         self.tau_max = np.array([limit[name] for name in self.joint_names])
         self.actuator_order = np.array([self.joint_names.index(a.joint().name()) for a in actuators])
 
-    def _checked_home(self, plant: MultibodyPlant, home: ArrayLike | None) -> Array:
-        if home is None:
-            return np.array(plant.GetPositions(plant.CreateDefaultContext()))
-        return self.checked_vector(home, "home")
+        rest = [self._positions.get(name, resting_position(joint)) for name, joint in zip(self.joint_names, joints)]
+        self.home = self.checked_posture(rest, "home")
 
     def with_home(self, home: ArrayLike) -> RobotModel:
-        """Return the same robot with another home posture (n,) (rad or m)."""
+        """Return the same robot with another home posture (n,) (rad or m); `StateError` if it is outside the limits."""
         other = copy(self)
-        other.home = self.checked_vector(home, "home")
+        other.home = self.checked_posture(home, "home")
         return other
 
     def __repr__(self) -> str:
@@ -192,6 +182,14 @@ class RobotModel:
             raise StateError(f"{what}: {self.name} has {self.n} joints, got shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise StateError(f"{what}: not finite: {array.tolist()}")
+        return array
+
+    def checked_posture(self, q: ArrayLike, what: str) -> Array:
+        """Return `q` as a new (n,) array; `StateError` if it has another size, or a joint is outside its limits."""
+        array = self.checked_vector(q, what)
+        for name, value, low, high in zip(self.joint_names, array, self.q_min, self.q_max):
+            if not low - 1e-6 <= value <= high + 1e-6:
+                raise StateError(f"{what}: {value:.4g} of {name} is outside its limits {low:.4g} … {high:.4g}")
         return array
 
     def kinematics(self, q: ArrayLike, v: ArrayLike | None = None) -> Kinematics:
@@ -241,8 +239,7 @@ class RobotModel:
             plant.RegisterAsSourceForSceneGraph(scene_graph)
             instance = self.add_to(plant)
             plant.Finalize()
-            context = plant.CreateDefaultContext()
-            self._shapes = read_shapes(plant, scene_graph.model_inspector(), context, instance, self.link_names)
+            self._shapes = read_shapes(plant, scene_graph.model_inspector(), instance, self.link_names)
             if self._shapes.count == 0:
                 raise ModelError(f"{self.path}: no collision geometry on any link")
         return self._shapes

@@ -11,7 +11,9 @@ from pydrake.geometry import Box, Capsule, Convex, Cylinder, Mesh, Role, SceneGr
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
+from saphari_drake.errors import ModelError
 from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, nearest_surface_point
+from saphari_drake.robots.convex_pieces import Piece, convex_pieces
 
 
 @dataclass(frozen=True)
@@ -57,26 +59,21 @@ class LinkShapes:
 
 
 def read_shapes(
-    plant: MultibodyPlant,
-    inspector: SceneGraphInspector,
-    context,
-    instance: ModelInstanceIndex,
-    link_names: Sequence[str],
+    plant: MultibodyPlant, inspector: SceneGraphInspector, instance: ModelInstanceIndex, link_names: Sequence[str]
 ) -> LinkShapes:
-    """Read the collision shapes of a model instance; a mesh becomes the box around its convex hull."""
-    rows = []
+    """Read the collision shapes of a robot, the only one in its plant, with all that is fixed to it."""
+    rows, context = [], plant.CreateDefaultContext()
     links = [plant.GetBodyByName(name, instance) for name in link_names]
     roots = [(-1, plant.world_body()), *enumerate(links)]
-    own = set(plant.GetBodyIndices(instance))
     for link, root in roots:
         for body in plant.GetBodiesWeldedTo(root):
-            if body.index() not in own:
+            if body.index() == plant.world_body().index():
                 continue
             X_LB = body.body_frame().CalcPose(context, root.body_frame())
             for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
                 X_LS = X_LB @ inspector.GetPoseInFrame(geometry)
-                kind, size, p_SC = _primitive(inspector.GetShape(geometry))
-                rows.append((link, kind, size, X_LS.rotation().matrix(), X_LS @ p_SC))
+                for kind, size, R, p in _pieces(inspector.GetShape(geometry)):
+                    rows.append((link, kind, size, X_LS.rotation().matrix() @ R, X_LS @ p))
     return LinkShapes(
         link=np.array([row[0] for row in rows], dtype=np.int64),
         kind=np.array([row[1] for row in rows], dtype=np.int64),
@@ -86,21 +83,26 @@ def read_shapes(
     )
 
 
-def _primitive(shape) -> tuple[int, tuple[float, float, float], NDArray[np.float64]]:
-    """Kind, size and centre (in the shape's own frame) of the primitive that stands for a shape."""
-    centre = np.zeros(3)
-    if isinstance(shape, Sphere):
-        return CAPSULE, (shape.radius(), 0.0, 0.0), centre
-    if isinstance(shape, Capsule):
-        return CAPSULE, (shape.radius(), shape.length() / 2, 0.0), centre
-    if isinstance(shape, Cylinder):
-        return CYLINDER, (shape.radius(), shape.length() / 2, 0.0), centre
-    if isinstance(shape, Box):
-        return BOX, (shape.width() / 2, shape.depth() / 2, shape.height() / 2), centre
+def _pieces(shape) -> list[Piece]:
+    """Return the primitives that stand for a shape, in its own frame; a mesh is its convex hull, as to Drake."""
     if isinstance(shape, (Mesh, Convex)):
         hull = shape.GetConvexHull()
-        corners = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        half = (high - low) / 2
-        return BOX, (float(half[0]), float(half[1]), float(half[2])), (low + high) / 2
-    raise TypeError(f"no primitive for a collision shape of type {type(shape).__name__}")
+        vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+        return convex_pieces(vertices, [_corners(hull, i) for i in range(hull.num_faces())])
+    if isinstance(shape, Sphere):
+        kind, size = CAPSULE, (shape.radius(), 0.0, 0.0)
+    elif isinstance(shape, Capsule):
+        kind, size = CAPSULE, (shape.radius(), shape.length() / 2, 0.0)
+    elif isinstance(shape, Cylinder):
+        kind, size = CYLINDER, (shape.radius(), shape.length() / 2, 0.0)
+    elif isinstance(shape, Box):
+        kind, size = BOX, (shape.width() / 2, shape.depth() / 2, shape.height() / 2)
+    else:
+        raise ModelError(f"no primitive for a collision shape of type {type(shape).__name__}")
+    return [Piece(kind, size, np.eye(3), np.zeros(3))]
+
+
+def _corners(hull, face: int) -> list[int]:
+    """Vertices of a face of a convex hull."""
+    element = hull.element(face)
+    return [element.vertex(i) for i in range(element.num_vertices())]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import FrameIndex, JointIndex, ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
 from pydrake.systems.framework import Context
 
 from saphari_drake.errors import ModelError
@@ -70,9 +70,12 @@ def read_tree(plant: MultibodyPlant, instance: ModelInstanceIndex, path: Path) -
     )
     link_names = tuple(body.name() for body in links)
     _require_inertia(tree, np.array(plant.GetPositions(context)), link_names, path)
-    frames = {}
-    for index in plant.GetFrameIndices(instance):
+    frames: dict[str, tuple[int, RigidTransform]] = {}
+    others = map(FrameIndex, range(1, plant.num_frames()))
+    for index in [*plant.GetFrameIndices(instance), *others]:  # those of tools are of other models
         frame = plant.get_frame(index)
+        if frame.name() in frames or frame.body().index() not in link_of:
+            continue
         link = link_of[frame.body().index()]
         base = links[link].body_frame() if link >= 0 else plant.world_frame()
         frames[frame.name()] = (link, frame.CalcPose(context, base))

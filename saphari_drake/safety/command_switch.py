@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import CommandMode, Immutable, Selection, SystemStatus
 from saphari_drake.parameters import diagonal, require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.posture_laws import Coasting, Yield, posture_torque, yield_torque
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
@@ -137,7 +137,7 @@ class CommandSwitch(LeafSystem):
         self._stiffness, self._damping = self._yield.hold_stiffness, self._yield.hold_damping
         self._fade, self._brake_fade = np.exp(-p.period / p.transition_time), np.exp(-p.period / p.brake_time)
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._selection = self.DeclareAbstractInputPort("selection", AbstractValue.Make(Selection()))
         self._applied = self.DeclareVectorInputPort("torque_applied", BasicVector(n))
         self._command = self.DeclareVectorInputPort("torque_commanded", BasicVector(n))

@@ -18,7 +18,7 @@ from saphari_drake.messages import (
     status_of,
 )
 from saphari_drake.parameters import require_positive
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_outputs, declare_readouts
 
@@ -114,7 +114,7 @@ class ContactMonitor(LeafSystem):
         super().__init__()
         self._robot, self._params = robot, params or ContactMonitorParameters()
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._contact = self.DeclareVectorInputPort("contact", BasicVector(1))
         self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
         self._camera = self.DeclareVectorInputPort("camera_status", BasicVector(1))
@@ -136,7 +136,10 @@ class ContactMonitor(LeafSystem):
     def _status(self, context: Context) -> SystemStatus:
         if not self._dynamics.Eval(context).finite:
             return SystemStatus.BAD_INPUT
-        return status_of(self._contact.Eval(context), self._camera.Eval(context), self._point.Eval(context).p_LC)
+        seen = self._point.Eval(context)
+        if seen.found and not seen.usable(self._robot.n):
+            return SystemStatus.BAD_INPUT
+        return status_of(self._contact.Eval(context), self._camera.Eval(context), seen.p_LC)
 
     def _start(self, context: Context, state: State) -> None:
         terms, start = self._dynamics.Eval(context), self._interaction(context)
@@ -147,7 +150,7 @@ class ContactMonitor(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
         terms, seen = self._dynamics.Eval(context), self._point.Eval(context)
-        if status_of(seen.p_LC) != SystemStatus.OK or not 0 <= seen.link < self._robot.n:
+        if not seen.usable(self._robot.n):
             seen = ContactPoint()
         # A touch that is not a number is no proof that nobody touches; a camera's status that is none is no camera.
         touched = not self._contact.Eval(context)[0] <= 0.5

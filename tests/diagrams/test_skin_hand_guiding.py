@@ -14,7 +14,7 @@ from saphari_drake.simulation.runner.experiment import main
 from saphari_drake.simulation.runner.scenario import with_assignments
 
 SCRIPT = Path(__file__).parents[2] / "diagrams" / "skin_hand_guiding.py"
-CASES = ["end_effector_first", "body_first", "recorded"]
+CASES = ["end_effector_first", "body_first", "recorded", "random"]
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from saphari_drake.robots.dynamics import evaluate_dynamics
 FRICTION = JointFrictionParameters(coulomb=[3.0, 2.0, 2.0, 2.0, 2.0, 1.0, 1.5], viscous=4.0)
 
 
-def test_moving_it_brakes_with_its_full_size_and_at_rest_it_remembers():
-    friction = joint_friction(FRICTION, 7)
+def test_moving_it_brakes_with_its_full_size_and_at_rest_it_remembers(lwr4):
+    friction = joint_friction(FRICTION, lwr4)
     v = np.array([0.2, -0.2, 0.5, -0.5, 0.1, -0.1, 0.3])
     share = friction.after(np.zeros(7), 0.05 * v)
     np.testing.assert_allclose(share, np.sign(v), atol=1e-3)
@@ -21,15 +21,15 @@ def test_moving_it_brakes_with_its_full_size_and_at_rest_it_remembers():
     np.testing.assert_array_equal(friction.after(share, np.zeros(7)), share)
 
 
-def test_turning_round_takes_its_way_and_not_a_step_of_an_encoder():
-    friction = joint_friction(FRICTION, 7)
+def test_turning_round_takes_its_way_and_not_a_step_of_an_encoder(lwr4):
+    friction = joint_friction(FRICTION, lwr4)
     np.testing.assert_allclose(friction.after(np.ones(7), np.full(7, -1e-5)), 1.0, atol=0.25)
     np.testing.assert_allclose(friction.after(np.ones(7), np.full(7, -3e-3)), -1.0, atol=0.01)
 
 
 @pytest.mark.parametrize("way", [1e-5, 1e-3, 1.0])
-def test_a_way_in_parts_is_the_way(way):
-    friction = joint_friction(FRICTION, 7)
+def test_a_way_in_parts_is_the_way(way, lwr4):
+    friction = joint_friction(FRICTION, lwr4)
     parts = np.full(7, -0.4)
     for _ in range(10):
         parts = friction.after(parts, np.full(7, 0.1 * way))

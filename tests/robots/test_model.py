@@ -77,10 +77,10 @@ def test_shapes_of_the_lwr4_cover_base_and_all_links(lwr4):
 
 
 def test_panda_of_example_robot_data(load_arm):
-    """Fingers are prismatic joints; bodies welded to a link are found by name and belong to it."""
+    """Its fingers, of which one follows the other, stay; bodies welded to a link are found by name and belong to it."""
     panda = load_arm("panda")
-    assert panda.n == 9
-    np.testing.assert_array_equal(panda.tau_max, [87, 87, 87, 87, 12, 12, 12, 100, 100])
+    assert panda.n == 7 and panda.link_index("panda_leftfinger") == 6
+    np.testing.assert_array_equal(panda.tau_max, [87, 87, 87, 87, 12, 12, 12])
     assert panda.link_index("panda_hand") == panda.link_index("panda_link7") == 6
     assert panda.tree.mass[6] > 1.0  # hand and flange, which have no joint of their own
     assert panda.frame("panda_link0")[0] == -1

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context
 from experiments.contact import judge
 from experiments.contact.cell import ContactCell
 from experiments.contact.random_touches import RandomTouch
+from experiments.trials import again, share_metrics
 from saphari_drake.errors import SensorError
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
@@ -146,7 +147,7 @@ def random_metrics(touches: list[JudgedTouch]) -> list[Metric]:
         return Metric(name, value, unit, low, high, decides=False)
 
     metrics = [
-        open_("meets_all_share", share(touches, lambda t: t.meets_all), low=0.95),
+        *share_metrics("meets_all_share", [t.meets_all for t in touches], low=0.95),
         open_("meets_all_share_seen", share(seen, lambda t: t.meets_all), low=0.95),
         open_("meets_all_share_hidden", share(hidden, lambda t: t.meets_all), low=0.85),
         Metric("force_met_share", share(touches, lambda t: t.force_error <= FORCE), "1"),
@@ -174,7 +175,7 @@ def touch_log(touches: list[JudgedTouch]) -> Log:
     return log
 
 
-def failures(robot: RobotModel, touches: list[JudgedTouch], seed: int) -> str:
+def failures(robot: RobotModel, touches: list[JudgedTouch], scenario: Any) -> str:
     """Return a line for each touch that does not meet all, with what replays it."""
     lines = []
     for t in touches:
@@ -183,7 +184,7 @@ def failures(robot: RobotModel, touches: list[JudgedTouch], seed: int) -> str:
                 f"trial {t.trial}: {robot.link_names[t.link]}, {'seen' if t.seen else 'hidden'}, {t.force:.0f} N, "
                 f"force {t.force_error:.0%}, deflection {t.deflection_error:.0%}, point {1e3 * t.point_error:.0f} mm, "
                 f"return {1e3 * t.return_error:.1f} mm, speed {t.speed_share:.1f}, wander {1e3 * t.wander:.0f} mm "
-                f"(--case random --seed {seed} --set trial={t.trial})"
+                + again(scenario, t.trial)
             )
     return "\n".join(lines)
 

@@ -20,7 +20,6 @@ from experiments.contact.random_judge import (
 )
 from experiments.contact.random_touches import RandomTouch, draw_touch
 from experiments.contact.run import ContactSetup
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.command_line import say
 from saphari_drake.simulation.runner.results import Outcome
@@ -48,14 +47,14 @@ class TrialRun(NamedTuple):
 
 def trial_of(scenario: Any, number: int) -> Trial:
     """Return a trial of a `ContactScenario` with random touches; it is the same on every machine."""
-    robot = catalog.load(scenario.robot, home=np.deg2rad(scenario.home))
+    robot = scenario.loaded(scenario.home)
     drawn = draw_touch(robot, scenario.system.cell.hand, scenario.touches, [scenario.seed, number])
     single = deepcopy(scenario)
     single.home = drawn.home
     single.pushes, single.aim_spread = [drawn.push], 0.0
     single.duration = drawn.push.start + drawn.push.hold + scenario.touches.watched + 0.2
     single.system.cell.hand.finger_radius = drawn.finger_radius
-    single.seed = scenario.seed + 1000 * number  # of the camera's noise
+    single.seed = scenario.own_seed(number)  # of the camera's noise
     return Trial(number, drawn, single)
 
 
@@ -82,8 +81,7 @@ def run_random(
     title: str,
 ) -> Outcome:
     """Run random touches and judge each; the replay shows the worst of them."""
-    numbers = [scenario.trial] if scenario.trial >= 0 else list(range(scenario.trials))
-    touches: list[JudgedTouch] = []
+    numbers, touches = scenario.numbers, list[JudgedTouch]()
 
     def runs() -> Iterator[TrialRun]:
         for k, number in enumerate(numbers, 1):
@@ -94,7 +92,7 @@ def run_random(
 
     worst = reduce(lambda worst, other: other if other.touch.worse_than(worst.touch) else worst, runs())
     log = touch_log(touches)
-    failed = failures(worst.setup.robot, touches, scenario.seed)
+    failed = failures(worst.setup.robot, touches, scenario)
     if failed:
         say(failed)
     return Outcome(
@@ -102,4 +100,5 @@ def run_random(
         log,
         lambda: figure(log, title),
         lambda path: replay(worst.setup, worst.log, path),
+        {"failures.txt": failed + "\n" if failed else ""},
     )

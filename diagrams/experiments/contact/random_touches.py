@@ -80,8 +80,8 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
         home = np.rad2deg(np.clip(robot.home + rng.uniform(-reach, reach, robot.n), robot.q_min, robot.q_max))
         q = np.deg2rad(home)
         terms = evaluate_dynamics(robot, q, np.zeros(robot.n))
-        p_W, n_W = _surface_point(robot, terms, link, rng)
-        direction = _turned(-n_W, np.deg2rad(params.tilt) * np.sqrt(rng.random()), rng)
+        p_W, n_W = surface_point_of(robot, terms, link, rng)
+        direction = turned(-n_W, np.deg2rad(params.tilt) * np.sqrt(rng.random()), rng)
         if p_W[2] < _FLOOR or not _clear(robot, terms, hand, radius, p_W, n_W, direction, params.clearance):
             continue
         p_L = terms.R_WL[link].T @ (p_W - terms.p_WL[link])
@@ -94,7 +94,9 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
     raise ParameterError("touches", f"no touch of {name} could be drawn in {_DRAWS} tries")
 
 
-def _surface_point(robot: RobotModel, terms: DynamicsTerms, link: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def surface_point_of(
+    robot: RobotModel, terms: DynamicsTerms, link: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Return a random surface point (m) of a link and its outward normal, in the world."""
     shapes = robot.shapes
     R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
@@ -107,7 +109,8 @@ def _surface_point(robot: RobotModel, terms: DynamicsTerms, link: int, rng: np.r
     return p_W, n_W
 
 
-def _turned(axis: Array, angle: float, rng: np.random.Generator) -> Array:
+def turned(axis: Array, angle: float, rng: np.random.Generator) -> Array:
+    """Return a unit vector (3,) turned by an angle (rad) about a random axis across it."""
     side = np.cross(axis, rng.normal(size=3))
     return np.asarray(np.cos(angle) * axis + np.sin(angle) * side / np.linalg.norm(side))
 

@@ -14,7 +14,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from experiments.contact.cell import ContactCell, ContactCellParameters, add_contact_cell, learn_background
 from experiments.contact.cycle_time import time_cycles
 from saphari_drake.messages import InteractionMode
-from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.faults.people import FASTER
@@ -77,9 +76,7 @@ def build_contact(
     recorded: RecordedPush | None = None,
 ) -> ContactSetup:
     """Build the diagram of a `ContactScenario`; `record` adds to its recorder what this controller has."""
-    robot = scenario.known(
-        catalog.load(scenario.robot, home=np.deg2rad(scenario.home)), scenario.system.pipeline.observer
-    )
+    robot = scenario.known(scenario.loaded(scenario.home), scenario.system.pipeline.observer)
     if "person_faster" in scenario.faults:
         pushes = [replace(push, speed=FASTER * (push.speed or HumanHand.SPEED)) for push in pushes]
     scenario.system.sampler.noise.seed = scenario.seed

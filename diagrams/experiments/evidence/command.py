@@ -16,6 +16,7 @@ from experiments.evidence.discovery import find_scripts
 from experiments.evidence.fault_trials import fault_summary, recorded_trial, run_faults
 from experiments.evidence.gate import check
 from experiments.evidence.hazards import hazards_text
+from experiments.evidence.page import write_page
 from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results
@@ -75,6 +76,8 @@ def _main(options: Namespace, places: Places) -> int:
         if options.check:
             scripts = find_scripts(places.scripts)
             lines = check(scripts, options.only, places.results, out, options.jobs, keep, say)
+            if keep:
+                show_page(places, out)
             return _told(lines, "gate: pass", "gate: FAIL")
         if options.faults:
             broken = record_faults(options, places)
@@ -83,6 +86,8 @@ def _main(options: Namespace, places: Places) -> int:
         elif not options.tables:
             scripts = find_scripts(places.scripts)
             broken = record(scripts, options.only, options.seeds, places.results, out, options.jobs, keep, say)
+        if keep:
+            show_page(places, out)
     return _told([*broken, *write_readme(places)], "README written", "README written, without the above")
 
 
@@ -112,6 +117,12 @@ def record_faults(options: Namespace, places: Places) -> list[str]:
         for case, trials in cases.items()
         if (silent := fault_summary(trials)["silent_seeds"]) and not FAULTS[fault].bounded
     ]
+
+
+def show_page(places: Places, out: Path) -> None:
+    """Write the page of what is recorded and of what lies below a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    say(f"page: {write_page(read_results(places.results), read_results(places.faults), out)}")
 
 
 def write_readme(places: Places) -> list[str]:

@@ -17,6 +17,7 @@ EPILOG = """examples:
   python diagrams/report.py --faults --seeds 0:5                every fault on four experiments; and hazards.md
   python diagrams/report.py --tables                            the README alone, from what is recorded
   python diagrams/report.py --check                             the gate
+  python diagrams/report.py --tables --out runs                 runs/report.html, with the sweeps and replays in runs
 
 Figures go to results.json, faults.json and benchmarks.json in diagrams; the README's tables are written from these.
 What a selection leaves out stays as it was recorded. The gate runs every case with its default seed, and the main
@@ -45,7 +46,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--seeds", nargs="+", metavar="N", help="seeds, or ranges as 0:20 (default: 0 1 2); the default seed joins")
     add("--only", action="append", default=[], metavar="SCRIPT[/CASE]", help="run this alone; may be repeated")
     add("--jobs", type=int, default=2, metavar="K", help="runs at a time, each on one thread (default: 2)")
-    add("--out", type=Path, metavar="DIR", help="keep the files of every run in DIR/SCRIPT/seed_N/CASE")
+    add("--out", type=Path, metavar="DIR", help="keep the files of every run, and write DIR/report.html")
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--tables", action="store_true", help="run nothing; write the README's tables again")
     mode.add_argument("--benchmarks", action="store_true", help="run tests/benchmarks, or those that --only names")

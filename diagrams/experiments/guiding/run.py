@@ -14,7 +14,6 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SkinReading
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.skin.layout import SkinLayout
-from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.injection import inject_into
@@ -119,7 +118,7 @@ class GuidingRun:
 
 def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = None) -> GuidingSetup:
     """Build the diagram of a scenario, with its recorder; `synthetic` is the recording played if none is given."""
-    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
+    robot = scenario.known(scenario.loaded(scenario.home))
     system = deepcopy(scenario.system)
     system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
     layout = SkinLayout(robot, system.skin_layout)

@@ -12,7 +12,6 @@ from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.law import FusionParameters
 from saphari_drake.perception.contact.parameters import LocalizerParameters
-from saphari_drake.robots import catalog
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 
 CASES = {
@@ -69,7 +68,7 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
 
 def build_scenes(scenario: ContactLocalizationScenario) -> ContactScenes:
     """Return robot, hands and cameras."""
-    return ContactScenes(scenario.known(catalog.load(scenario.robot)), scenario.cameras, scenario.scenes, scenario.seed)
+    return ContactScenes(scenario.known(scenario.loaded()), scenario.cameras, scenario.scenes, scenario.seed)
 
 
 def believed_cameras(scenario: ContactLocalizationScenario, rng: np.random.Generator) -> list[CameraParameters]:

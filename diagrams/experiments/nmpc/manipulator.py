@@ -104,7 +104,7 @@ def manipulator_job(robot: RobotModel, params: ManipulatorParameters) -> NmpcJob
     turned = start.copy()
     turned[0] = np.clip(start[0] + np.deg2rad(params.turn_deg), robot.q_min[0], robot.q_max[0])
     goal = _posture(robot, params.goal_deg, turned)
-    tip = params.end_effector or _last_link(robot)
+    tip = params.end_effector or last_link(robot)
     points = points_along(robot, tip, params.d_min, params.c)
     pose = pose_of(robot, tip, goal)
     obstacles = np.array(params.obstacles, dtype=float).reshape(-1, 3)
@@ -135,7 +135,8 @@ def _inside(robot: RobotModel, q: Array) -> Array:
     return posture
 
 
-def _last_link(robot: RobotModel) -> str:
+def last_link(robot: RobotModel) -> str:
+    """Return the last link that a revolute joint moves, or the last of all."""
     revolute = np.flatnonzero(robot.tree.kind == REVOLUTE)
     return robot.link_names[int(revolute[-1])] if revolute.size else robot.link_names[-1]
 

@@ -15,7 +15,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from experiments.null_space.cell import NullSpaceCell, NullSpaceCellParameters, add_null_space_cell
 from experiments.null_space.motion import StraightMotionParameters, straight_motion
 from saphari_drake.errors import ParameterError
-from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.injection import inject_into
@@ -106,7 +105,7 @@ class Run:
 def build(scenario: NullSpaceScenario, meshcat: Meshcat | None = None) -> Setup:
     """Build the diagram of a scenario, with its recorder."""
     # The controller makes up for friction by what the observer takes for a push: none is taken out of that.
-    robot = scenario.known(catalog.load(scenario.robot, home=np.deg2rad(scenario.home)))
+    robot = scenario.known(scenario.loaded(scenario.home))
     builder = DiagramBuilder()
     truth = scenario.truth(scenario.system.period)
     parts = add_null_space_cell(builder, robot, aimed(scenario), truth)

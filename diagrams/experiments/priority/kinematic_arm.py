@@ -39,7 +39,7 @@ class KinematicArm(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(quantize(context.get_discrete_state(self._position).value(), self._step))
+        output.SetFromVector(quantize(np.array(context.get_discrete_state(self._position).value()), self._step))
 
     def _update(self, context: Context, state: State) -> None:
         q = context.get_discrete_state(self._position).value()

@@ -25,7 +25,7 @@ from saphari_drake.messages import (
     status_of,
 )
 from saphari_drake.parameters import diagonal, positive_definite
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import declare_cache, declare_outputs, declare_readouts
@@ -69,7 +69,7 @@ class ContactController(LeafSystem):
         self._K_N = diagonal(params.K_N, n, "K_N")
         terms, none = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(3)
         nobody = Interaction(InteractionMode.HOLD, ContactPoint(), robot.home, 0)
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._interaction = self.DeclareAbstractInputPort("interaction", AbstractValue.Make(nobody))
         self._force = self.DeclareVectorInputPort("contact_force", BasicVector(3))
         self._misfit = self.DeclareVectorInputPort("misfit", BasicVector(n))
@@ -96,8 +96,8 @@ class ContactController(LeafSystem):
         link, p_LC, answered, none = now.contact.link, now.contact.p_LC, now.mode in ANSWERED, np.zeros(3)
         selection = Selection(CommandMode.PASS, now.q_latched, (now.onset, link))
         idle = ContactOutput(_weight(terms), selection, none, none, none, none)
-        sized = now.q_latched.shape == terms.q.shape and (0 <= link < len(terms.q) or not answered)
-        if not (terms.finite and sized and status_of(now.q_latched, p_LC) == SystemStatus.OK):
+        sized = np.shape(now.q_latched) == terms.q.shape and (now.contact.usable(len(terms.q)) or not answered)
+        if not (terms.finite and sized and status_of(now.q_latched) == SystemStatus.OK):
             return self._unknown(idle)
         point = terms.point(link, p_LC) if answered else None
         if point is not None:

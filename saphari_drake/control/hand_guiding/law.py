@@ -1,8 +1,8 @@
 """One control cycle of hand guiding: state of the controller and forces of the hands in, next state and commands out.
 
-M_c p̈_d = F_c − D_c ṗ_d (48),   ẍ_c = p̈_d + k_d(ṗ_d − ṗ_c) + k_p(p_d − p_c) (50),   c = e, b
-q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   a_c = ẍ_c − J̇_cq̇ (49, corrected: `priority_acceleration`)
-τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g − J_eᵀF_e − J_bᵀF_b (47)
+| M_c p̈_d = F_c − D_c ṗ_d (48),   ẍ_c = p̈_d + k_d(ṗ_d − ṗ_c) + k_p(p_d − p_c) (50),   c = e, b
+| q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   a_c = ẍ_c − J̇_cq̇ (49, corrected: `priority_acceleration`)
+| τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g − J_eᵀF_e − J_bᵀF_b (47)
 """
 
 from __future__ import annotations

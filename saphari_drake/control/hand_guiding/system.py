@@ -12,8 +12,8 @@ from saphari_drake.control.hand_guiding.law import GuidingOutput, GuidingState, 
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.control.hand_guiding.stability import check_hand
 from saphari_drake.control.hand_guiding.touch import GuidingStatus, HandForces
-from saphari_drake.messages import SkinContact, SkinReading, SkinStatus, SystemStatus
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.messages import SkinReading, SkinStatus, SystemStatus
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -82,7 +82,7 @@ class HandGuidingController(LeafSystem):
         n, terms = robot.n, evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         start = replace(self._guiding.start(terms), q_start=np.full(n, np.nan), fresh=True)
         first = self._guiding.step(start, terms, sense(terms, SkinReading(), np.zeros(6), self._guiding.tip))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._skin = self.DeclareAbstractInputPort("skin", AbstractValue.Make(SkinReading()))
         self._wrench = self.DeclareVectorInputPort("wrench_measured", BasicVector(6))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
@@ -142,7 +142,7 @@ def sense(
     """
     n, contacts, force, point, weight = len(terms.q), reading.contacts, np.zeros((2, 3)), np.zeros(3), 0.0
     known = fresh and reading.status != SkinStatus.LOST and terms.finite and np.isfinite(wrench).all()
-    if not (known and all(_usable(contact, n) for contact in contacts)):
+    if not (known and all(contact.usable(n) for contact in contacts)):
         return HandForces(force, np.zeros(n), -1, point, False)
     force[0] = wrench[3:]
     torque = terms.point(*tip).Jv_WC.T @ force[0]
@@ -157,8 +157,3 @@ def sense(
     if weight == 0.0:
         return HandForces(force, torque, -1, point, True)
     return HandForces(force, torque, contacts[0].link, point / weight, True)
-
-
-def _usable(contact: SkinContact, links: int) -> bool:
-    shapes = np.shape(contact.f_L) == np.shape(contact.p_LC) == (3,)
-    return 0 <= contact.link < links and shapes and bool(np.isfinite([contact.f_L, contact.p_LC]).all())

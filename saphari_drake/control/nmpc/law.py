@@ -33,6 +33,7 @@ from saphari_drake.control.nmpc.parameters import NmpcReference, NmpcStatus
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_dense
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus
+from saphari_drake.math.rotations import are_rotations
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
 
 Array = NDArray[np.float64]
@@ -212,18 +213,9 @@ def _fault(
 ) -> NmpcStatus | None:
     """Return what is wrong with the inputs, if anything."""
     p_WE, R_WE = np.asarray(reference.p_WE), np.asarray(reference.R_WE)
-    rows, m = len(p_WE), len(obstacles.p_WO)
-    shapes = (
-        q.shape == (problem.n,)
-        and rows > 0
-        and p_WE.shape == (rows, 3)
-        and R_WE.shape == (rows, 3, 3)
-        and np.shape(obstacles.p_WO) == (m, 3)
-        and np.shape(obstacles.v_WO) == (m, 3)
-        and np.shape(obstacles.radius) == (m,)
-    )
-    values = (q, p_WE, R_WE, obstacles.p_WO, obstacles.v_WO, obstacles.radius)
-    if not shapes or not all(np.isfinite(np.add.reduce(value, axis=None)) for value in values):
+    rows = len(p_WE)
+    shapes = q.shape == (problem.n,) and rows > 0 and p_WE.shape == (rows, 3) and R_WE.shape == (rows, 3, 3)
+    if not (shapes and np.isfinite(q).all() and np.isfinite(p_WE).all() and are_rotations(R_WE) and obstacles.usable):
         return NmpcStatus.BAD_INPUT
     if obstacles.status == ObstacleStatus.LOST or age > problem.params.obstacle_timeout:
         return NmpcStatus.OBSTACLES_LOST

@@ -128,7 +128,7 @@ class NmpcController(LeafSystem):
         obstacles, age = self._none, 0.0
         if self._obstacles.HasValue(context):
             obstacles = self._obstacles.Eval(context)
-            age = max(context.get_time() - obstacles.stamp, 0.0)
+            age = obstacles.age(context.get_time())
         memory = nmpc_step(self.problem, self._state(context), q, reference, obstacles, age)
         memory = replace(memory, since=context.get_time())
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -27,7 +27,7 @@ from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.task_space import TaskSpace
 from saphari_drake.messages import Immutable, SystemStatus, status_of
 from saphari_drake.parameters import diagonal
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -111,7 +111,7 @@ class NullSpaceComplianceController(LeafSystem):
         if self.observer == Observer.TASK_ERROR_PD:
             g = self.gains
             require_gamma(p.gamma, gamma_bound_around(robot, self._task_at, g.K_x, g.D, g.scale, p.gamma_region))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
         self._disturbance = self.DeclareVectorInputPort("torque_external_task", BasicVector(n))
         self._pose = self.DeclareAbstractInputPort("desired_pose", AbstractValue.Make(RigidTransform()))

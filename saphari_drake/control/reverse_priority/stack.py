@@ -10,11 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.control.reverse_priority.law import Levels, PriorityStatus, Rows, Settings, allowed_rate
+from saphari_drake.control.reverse_priority.rows import row, table
 from saphari_drake.control.reverse_priority.scaling import Change, solve_stack
-from saphari_drake.control.reverse_priority.tasks import Bound, Component, FrameTask, Kind, Level, ScalarTask, Task
+from saphari_drake.control.reverse_priority.tasks import (
+    Bound,
+    Component,
+    FrameTask,
+    Kind,
+    Level,
+    ScalarTask,
+    Task,
+)
 from saphari_drake.errors import ModelError, ParameterError, StateError
 from saphari_drake.math.products import apply, product
-from saphari_drake.math.rotations import rotation_log
+from saphari_drake.math.rotations import are_rotations, rotation_log
 from saphari_drake.math.tree import tree_kinematics
 from saphari_drake.math.tree_matrices import jacobian, world_point
 from saphari_drake.robots.model import RobotModel
@@ -34,25 +43,6 @@ class StackResult(NamedTuple):
     status: PriorityStatus
     x: Array  # (c,) values of the constraints, upper bounds positive, lower ones as −x_C
     J_tasks: Array  # (t, n) rows of all tasks
-
-
-class Table(NamedTuple):
-    """Constants of all rows; the first seven are those of a `Component`, the sign is −1 for a lower bound."""
-
-    kind: NDArray[np.int64]
-    link: NDArray[np.int64]
-    p_LC: Array  # (r, 3)
-    number: NDArray[np.int64]  # `index` of the component
-    direction: Array  # (r, 3)
-    length: Array
-    R_LF: Array  # (r, 9)
-    sign: Array
-    gain: Array
-    buffer: Array
-    velocity_buffer: Array
-    task: NDArray[np.int64]  # whose reference the row follows; −1: a constraint
-    column: NDArray[np.int64]  # where in it the desired value and velocity are
-    rate_column: NDArray[np.int64]
 
 
 class PriorityStack:
@@ -91,12 +81,12 @@ class PriorityStack:
         rows, ends = [], []
         for level in levels:
             if isinstance(level, FrameTask | ScalarTask):
-                rows += [_row(c, 1.0, level, (len(self.tasks), *columns)) for c, *columns in level.rows()]
+                rows += [row(c, 1.0, level, (len(self.tasks), *columns)) for c, *columns in level.rows()]
                 self.tasks.append(level)
             else:
                 sides = [(b, 1.0) for b in level if np.isfinite(b.upper)]
                 sides += [(b, -1.0) for b in level if np.isfinite(b.lower)]
-                rows += [_row(b.component, sign, b) for b, sign in sides]
+                rows += [row(b.component, sign, b) for b, sign in sides]
                 self.sides += sides
             ends.append(len(rows))
         if not rows:
@@ -104,7 +94,8 @@ class PriorityStack:
         is_task = np.array([isinstance(level, FrameTask | ScalarTask) for level in levels])
         top = int(np.argmax(is_task)) if is_task.any() else len(levels)
         self._levels = Levels(is_task, np.array(ends), top)
-        self._table = _table(rows)
+        self._table = table(robot, rows)
+        self._turning = [k for k, task in enumerate(self.tasks) if isinstance(task, FrameTask) and min(task.axes) < 3]
         self._side_rows, self._task_rows = np.flatnonzero(self._table.task < 0), np.flatnonzero(self._table.task >= 0)
         seen = self._table.number[np.isin(self._table.kind, (Kind.DISTANCE, Kind.VIEW))]
         self.num_targets = 1 + int(np.max(seen, initial=-1))
@@ -147,6 +138,8 @@ class PriorityStack:
         wanted = (self.robot.n,), (self.robot.n,), (len(self.tasks), REFERENCE_SIZE), (6,)
         if sizes != wanted or len(targets) < self.num_targets:
             raise StateError(f"positions, velocities, references, targets: sizes {sizes}, needed {wanted}")
+        if not are_rotations(references[self._turning, :9].reshape(-1, 3, 3)):
+            references = np.full_like(references, np.nan)
         goal, sides, tasks = self._goal.copy(), self._side_rows, self._task_rows
         goal[sides] = self.bounds if bounds is None else bounds
         settings = Settings(self.robot.v_max, float(period), self._damping, self._task_damping)
@@ -167,19 +160,8 @@ class PriorityStack:
 def evaluate_component(robot: RobotModel, component: Component, q: Array, targets: Array) -> tuple[float, Array, float]:
     """Return value, Jacobian (n,) and own rate of a component: ẋ_C = J q̇ + own rate."""
     inputs = np.array(q), np.zeros((0, REFERENCE_SIZE)), np.atleast_2d(targets), np.zeros(1), robot.v_max
-    rows = _rows(_table([_row(component, 1.0, None)]), robot.kinematics(q).motion, *inputs)
+    rows = _rows(table(robot, [row(component, 1.0, None)]), robot.kinematics(q).motion, *inputs)
     return float(rows.x[0]), rows.J[0], float(rows.own[0])
-
-
-def _row(component: Component, sign: float, owner: Bound | Task | None, reference: Sequence[int] = (-1, 0, 0)) -> tuple:
-    """Return a row of the table: a component, and the bound or task that it belongs to."""
-    c, gain = component, owner.gain if owner else 0.0
-    buffers = (owner.buffer, owner.velocity_buffer) if isinstance(owner, Bound) else (1.0, 1.0)
-    return (c.kind, c.link, c.p_LC, c.index, c.direction, c.length, c.R_LF, sign, gain, *buffers, *reference)
-
-
-def _table(rows: Sequence[tuple]) -> Table:
-    return Table(*(np.array(column) for column in zip(*rows)))
 
 
 @njit(cache=True)

@@ -188,7 +188,9 @@ Level = Task | Sequence[Bound]
 
 
 def position_task(robot: RobotModel, frame: str, axes: str = "xyz", gain: float = 10.0) -> FrameTask:
-    """Return the task of a frame's origin, or of some of its world coordinates."""
+    """Return the task of a frame's origin, or of some of its world coordinates (`ParameterError` for other `axes`)."""
+    if not axes or set(axes) - set("xyz"):
+        raise ParameterError("axes", f"needs some of x, y and z, got '{axes}'")
     return _frame_task(robot, frame, tuple(3 + "xyz".index(axis) for axis in axes), gain)
 
 

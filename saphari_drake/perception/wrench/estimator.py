@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiscreteStateIndex, EventStatus, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.perception.wrench.tool import ToolParameters, sensor_mount, tool_wrench
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -114,7 +113,7 @@ class WristWrenchEstimator(LeafSystem):
             self._moved_by.append(parent)
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         self._reading = self.DeclareVectorInputPort("wrench_sensor", BasicVector(6))
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
+        self._dynamics = DynamicsInput(self, terms)
         self._acceleration = self.DeclareVectorInputPort("acceleration_measured", BasicVector(robot.n))
         self._bias, self._sum = self.DeclareDiscreteState(6), self.DeclareDiscreteState(6)
         self._left = self.DeclareDiscreteState(np.array([float(params.tare_samples)]))

@@ -1,35 +1,18 @@
 """The joint envelope as the last system before the torque."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.messages import Immutable, SystemStatus
-from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
+from saphari_drake.math.products import all_finite
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Limited, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 from saphari_drake.safety.joint_envelope.stale import Repeated
-from saphari_drake.safety.posture_laws import posture_torque
+from saphari_drake.safety.joint_envelope.step import Rules, Step, remembered, stepped
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class _Memory(Immutable):
-    torques: Array  # (k, n), of the last periods, the latest last
-    repeated: Repeated
-
-
-class _Output(NamedTuple):
-    limited: Limited
-    excess: Array
-    system_status: SystemStatus
 
 
 class JointEnvelope(LeafSystem):
@@ -39,7 +22,8 @@ class JointEnvelope(LeafSystem):
 
         name: JointEnvelope
         input_ports:
-        - dynamics
+        - position_measured
+        - velocity_measured
         - torque_external
         - torque_commanded
         output_ports:
@@ -54,7 +38,8 @@ class JointEnvelope(LeafSystem):
 
     Ports
     -----
-    dynamics : abstract `DynamicsTerms`, of a state that is measured in each period of this system.
+    position_measured : n (rad or m), measured in each period of this system.
+    velocity_measured : n (rad/s or m/s), the same.
     torque_external : n (Nm or N), what the environment does to the robot, from `MomentumObserver`; optional: none.
     torque_commanded : n (Nm or N).
     torque_applied : n (Nm or N), what drives the joints.
@@ -69,103 +54,63 @@ class JointEnvelope(LeafSystem):
         the last; what slower observers are fed. `torque_delay` is in it.
     torque_acting : n (Nm or N), the torque at the joints over the period that begins now, `torque_delay` in it.
 
-    Law and guarantee: `limited_torque`. It knows nothing of the controller inside. An external torque that is not
-    finite counts as none. At the start the torque before was that of the weight.
+    Law and guarantee: `limited_torque`; all of a period is compiled in `stepped`. It knows nothing of the controller
+    inside. An external torque that is not finite counts as none. At the start the torque before was that of the weight.
     """
 
     def __init__(self, robot: RobotModel, params: JointEnvelopeParameters | None = None) -> None:
         super().__init__()
-        self._params = params = params or JointEnvelopeParameters()
-        self.envelope = envelope_of(robot, params)
-        hold = params.hold_stiffness, params.hold_damping
-        self._hold = tuple(np.full(robot.n, gain) for gain in hold)
-        self._delay, self._width = params.periods("torque_delay"), params.periods("mean_time")
-        n = robot.n
-        terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
-        memory = self._resting(terms)
-        self._limited(terms, zero, terms.g, memory.torques)  # compiles
-        self._dynamics = self.DeclareAbstractInputPort("dynamics", AbstractValue.Make(terms))
-        self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
-        self._command = self.DeclareVectorInputPort("torque_commanded", BasicVector(n))
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
-        state = self.abstract_state_ticket(self._memory)
-        start = _Output(Limited(terms.g, EnvelopeStatus.FREE, -1, 1.0), zero, SystemStatus.OK)
-        tickets = {self._dynamics.ticket(), self._external.ticket(), self._command.ticket(), state}
-        self._output = declare_cache(self, "limited", start, self._evaluate, tickets)
+        params = params or JointEnvelopeParameters()
+        self._robot, self.envelope, n = robot, envelope_of(robot, params), robot.n
+        delay, width = params.periods("torque_delay"), params.periods("mean_time")
+        self._kept, self._none = delay + max(width, 1), np.zeros(n)
+        self._rules = Rules(
+            self.envelope, params.hold_stiffness, params.hold_damping, delay, width, params.velocity_age,
+            params.stale_time,
+        )  # fmt: skip
+        names = "position_measured", "velocity_measured", "torque_external", "torque_commanded"
+        q, v, self._external, command = (self.DeclareVectorInputPort(name, BasicVector(n)) for name in names)
+        self._needed = q, v, command
+        memory = self._resting(robot.home)
+        self._memory = self.DeclareDiscreteState(memory)
+        start = stepped(robot.tree, self._rules, memory, robot.home, self._none, self._none, self._none)  # compiles
+        self._step = declare_cache(
+            self, "step", start, self._evaluate,
+            {self.all_input_ports_ticket(), self.discrete_state_ticket(self._memory)},
+        )  # fmt: skip
         readouts = {
-            "torque_applied": (n, lambda o: o.limited.torque),
-            "torque_excess": (n, lambda o: o.excess),
-            "status": (1, lambda o: [float(o.limited.status)]),
-            "joint": (1, lambda o: [float(o.limited.joint)]),
-            "margin": (1, lambda o: [o.limited.margin]),
-            "system_status": (1, lambda o: [float(o.system_status)]),
+            "torque_applied": (n, lambda step: step.torques[0]),
+            "torque_excess": (n, lambda step: step.torques[1]),
+            "status": (1, lambda step: step.numbers[:1]),
+            "joint": (1, lambda step: step.numbers[1:2]),
+            "margin": (1, lambda step: step.numbers[2:3]),
+            "system_status": (1, lambda step: step.numbers[3:]),
+            "torque_mean": (n, lambda step: step.torques[2]),
+            "torque_acting": (n, lambda step: step.torques[3]),
         }
-        declare_readouts(self, self._output, readouts)
-        mean = declare_cache(self, "mean", zero, self._mean, {self._output.ticket(), state})
-        declare_readouts(self, mean, {"torque_mean": (n, lambda torque: torque)})
-        acting = declare_cache(self, "acting", zero, self._acting, {self._output.ticket(), state})
-        declare_readouts(self, acting, {"torque_acting": (n, lambda torque: torque)})
+        declare_readouts(self, self._step, readouts)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
 
-    def _resting(self, terms: DynamicsTerms) -> _Memory:
-        weight = np.clip(terms.g, -self.envelope.tau_max, self.envelope.tau_max)
-        return _Memory(np.tile(weight, (self._delay + max(self._width, 1), 1)), Repeated(weight, terms.q))
-
-    def _remembered(self, context: Context) -> _Memory:
-        memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
+    def _resting(self, q: Array) -> Array:
+        """Return the memory of an arm that rests at q (n,) under its weight."""
+        n, envelope = len(q), self.envelope
+        weight = np.clip(evaluate_dynamics(self._robot, q, np.zeros(n)).g, -envelope.tau_max, envelope.tau_max)
+        unknown = Repeated(weight, np.full(2 * n, np.nan), 0.0, np.full(n, np.nan))
+        memory: Array = remembered(np.tile(weight, (self._kept, 1)), unknown)
         return memory
 
-    def _mean(self, context: Context) -> Array:
-        return self._with_now(context)[: self._width].mean(axis=0)
-
-    def _acting(self, context: Context) -> Array:
-        return self._with_now(context)[-1 - self._delay]
-
-    def _with_now(self, context: Context) -> Array:
-        return np.vstack((self._remembered(context).torques[1:], self._output.Eval(context).limited.torque))
-
-    def _limited(self, terms: DynamicsTerms, external: Array, command: Array, torques: Array) -> Limited:
-        motion = Motion(terms.q, terms.v, terms.M, terms.Cv + terms.g, external, torques[-1])
-        motion = predicted(self.envelope, motion, torques, self._delay, self._params.velocity_age)
-        return Limited(*limited_torque(self.envelope, motion, command))
-
-    def _evaluate(self, context: Context) -> _Output:
-        memory, terms = self._remembered(context), self._dynamics.Eval(context)
-        torques, repeated = memory.torques, memory.repeated
-        given, largest = self._command.Eval(context), 1e3 * self.envelope.tau_max
-        known = bool(np.isfinite(given).all())
-        command = np.clip(given, -largest, largest) if known else torques[-1]
-        if not terms.finite:
-            torque = self._within_rate(command, torques[-1])
-            return _Output(
-                Limited(torque, EnvelopeStatus.BAD_INPUT, -1, np.nan), command - torque, SystemStatus.BAD_INPUT
-            )
-        external = np.zeros(len(command))
-        if self._external.HasValue(context):
-            external = np.nan_to_num(self._external.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
-        q_hold = repeated.q_hold if np.array_equal(given, repeated.command, equal_nan=True) else None
-        if q_hold is None and not known:
-            q_hold = terms.q
-        if q_hold is not None:
-            command = posture_torque(terms, q_hold, *self._hold)
-        now = self._limited(terms, external, command, torques)
-        if q_hold is None:
-            return _Output(now, command - now.torque, SystemStatus.OK)
-        return _Output(now._replace(status=EnvelopeStatus.BAD_INPUT), command - now.torque, SystemStatus.HOLDING)
-
-    def _within_rate(self, command: Array, before: Array) -> Array:
-        step = self.envelope.tau_rate * self.envelope.period
-        return np.clip(np.clip(command, before - step, before + step), -self.envelope.tau_max, self.envelope.tau_max)
+    def _evaluate(self, context: Context) -> Step:
+        q, v, command = (port.Eval(context) for port in self._needed)
+        external = self._external.Eval(context) if self._external.HasValue(context) else self._none
+        memory = np.array(context.get_discrete_state(self._memory).value())
+        step: Step = stepped(self._robot.tree, self._rules, memory, q, v, external, command)
+        return step
 
     def _start(self, context: Context, state: State) -> None:
-        terms: DynamicsTerms = self._dynamics.Eval(context)
-        if terms.finite:
-            state.get_mutable_abstract_state(int(self._memory)).set_value(self._resting(terms))
+        q, v, _ = (port.Eval(context) for port in self._needed)
+        if all_finite(q) and all_finite(v):
+            state.get_mutable_discrete_state(self._memory).SetFromVector(self._resting(q))
 
     def _update(self, context: Context, state: State) -> None:
-        repeated, terms = self._remembered(context).repeated, self._dynamics.Eval(context)
-        repeated = repeated.after(
-            self._command.Eval(context), terms.q, terms.v, self._params.period, self._params.stale_time
-        )
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_Memory(self._with_now(context), repeated))
+        state.get_mutable_discrete_state(self._memory).SetFromVector(self._step.Eval(context).memory)

@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import Immutable
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.safety.joint_envelope.stale import Repeated
+from saphari_drake.safety.joint_envelope.stale import Repeated, after
 from saphari_drake.safety.velocity_envelope.law import Course, LimitedVelocity, VelocityStatus, limited_velocity
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
@@ -65,7 +65,9 @@ class VelocityEnvelope(LeafSystem):
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(n))
         rest = LimitedVelocity(Course(robot.home, zero, zero), int(VelocityStatus.FREE), -1, 1.0)
         limited_velocity(self.bounds, rest.course, robot.home, zero)  # compiles
-        start = _Memory(rest, zero, Repeated(zero, robot.home))
+        nan = np.full(2 * n, np.nan)
+        start = _Memory(rest, zero, Repeated(zero, nan, 0.0, nan[:n]))
+        after(start.repeated, zero, nan, 0.0, np.inf)  # compiles
         self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
         state = {self.abstract_state_ticket(self._memory)}
         output = declare_cache(self, "limited", start, self._remembered, state)
@@ -95,8 +97,10 @@ class VelocityEnvelope(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         memory, q = self._remembered(context), np.array(self._position.Eval(context))
         before, command, p = memory.limited, np.array(self._command.Eval(context)), self._params
-        repeated = memory.repeated.after(command, q, q[:0], p.period, p.stale_time if command.any() else np.inf)
-        known = np.isfinite(command).all() and np.isfinite(q).all() and repeated.q_hold is None
+        stale_time = p.stale_time if command.any() else np.inf
+        repeated = Repeated(*after(memory.repeated, command, np.concatenate((q, q)), p.period, stale_time))
+        stale = not np.isnan(repeated.q_hold[0])
+        known = np.isfinite(command).all() and np.isfinite(q).all() and not stale
         wish = command if known else np.zeros(len(command))
         course, status, joint, margin = limited_velocity(self.bounds, before.course, q, wish)
         status = status if known else int(VelocityStatus.BAD_INPUT)

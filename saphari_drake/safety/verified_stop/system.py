@@ -108,8 +108,8 @@ class VerifiedStop(LeafSystem):
         for port, speed in ((self._people, p.person_speed), (self._things, 0.0)):
             if not port.HasValue(context):
                 continue
-            points, age = port.Eval(context), max(time - port.Eval(context).stamp, 0.0)
-            if points.status == ObstacleStatus.LOST or age > p.people_timeout or not _usable(points):
+            points, age = port.Eval(context), port.Eval(context).age(time)
+            if points.status == ObstacleStatus.LOST or age > p.people_timeout or not points.usable:
                 return StopStatus.OBSTACLES_LOST, NOTHING
             parts.append(self._balls(points, age, port, speed))
         if not parts:
@@ -124,14 +124,3 @@ class VerifiedStop(LeafSystem):
             kept = radius + p.person_error + p.separation + speed * age
             return Surroundings(at, np.zeros((count, 3)), kept, np.full(count, speed))
         return Surroundings(at + age * v, v, radius + p.thing_separation, np.zeros(count))
-
-
-def _usable(points: ObstaclePoints) -> bool:
-    count = len(points.p_WO)
-    shapes = np.shape(points.p_WO), np.shape(points.v_WO), np.shape(points.radius)
-    fits = shapes == ((count, 3), (count, 3), (count,))
-    return fits and bool(np.isfinite(points.p_WO).all() and np.isfinite(points.v_WO).all()) and _sizes(points.radius)
-
-
-def _sizes(radius: Array) -> bool:
-    return bool(np.isfinite(radius).all() and np.all(np.asarray(radius) >= 0.0))

@@ -91,7 +91,7 @@ def synthetic_recording(rate: float = 30.0, duration: float = 24.0) -> HumanReco
         wrist = np.array([0.16 * sign, 0.06, 0.70]) + np.column_stack(
             [-0.12 * sign * reach, -0.10 * reach, -0.40 * reach]
         )
-        elbow, wrist = _bent_arm(shoulder, wrist, np.array([0.5 * sign, 1.0, 0.3]))
+        elbow, wrist = bent_arm(shoulder, wrist, np.array([0.5 * sign, 1.0, 0.3]))
         points[:, side], points[:, 2 + side], points[:, 4 + side] = wrist, elbow, shoulder
     return HumanRecording(points, "synthetic")
 
@@ -102,7 +102,7 @@ def _reach(time: Array, pause: float = 6.0, lasts: float = 2.4) -> Array:
     return np.sin(np.pi * a) ** 2
 
 
-def _bent_arm(shoulder: Array, wrist: Array, outward: Array, upper: float = 0.30, lower: float = 0.26):
+def bent_arm(shoulder: Array, wrist: Array, outward: Array, upper: float = 0.30, lower: float = 0.26):
     """Return elbow and wrist (T, 3) of an arm whose elbow points `outward`; a wrist out of reach is drawn in."""
     way = wrist - shoulder
     length = np.linalg.norm(way, axis=1, keepdims=True)

@@ -103,7 +103,8 @@ class _Memory(Immutable):
 
     index: int
     target: Target
-    previous: Target | None = None
+    standoff: Array  # (3,) m, in front of the target
+    previous: tuple[Array, Array] | None = None  # standoff and orientation before
     p_release: Array | None = None
 
 
@@ -165,7 +166,7 @@ class HumanHand(LeafSystem):
         self._num_velocities = num_velocities
         self._hand = self.DeclareVectorInputPort("hand_state", BasicVector(13))
         self._state = self.DeclareVectorInputPort("robot_state", BasicVector(2 * robot.n))
-        start = _Memory(0, find_target(robot, robot.home, pushes[0]))
+        start = self._reaching(0, robot.home)
         self._compile(start)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
         self.DeclarePeriodicUnrestrictedUpdateEvent(0.005, 0.0, self._update)
@@ -182,18 +183,21 @@ class HumanHand(LeafSystem):
 
     def start_pose(self) -> RigidTransform:
         """Pose of the hand before the first push, at the robot's home posture."""
-        target = find_target(self._robot, self._robot.home, self._pushes[0])
-        return RigidTransform(RotationMatrix(target.R_WH), self._standoff(target))
+        start = self._reaching(0, self._robot.home)
+        return RigidTransform(RotationMatrix(start.target.R_WH), start.standoff)
 
     def _compile(self, memory: _Memory) -> None:
         """Compile the law before the first step."""
-        previous = replace(memory, previous=memory.target)
+        previous = replace(memory, previous=(memory.standoff, memory.target.R_WH))
         released = replace(memory, p_release=memory.target.p_WT)
         for case in (previous, released):
             self._wrench(case, self._pushes[0].start - self.TRAVEL_TIME, np.array([1.0, *np.zeros(12)]))
 
-    def _standoff(self, target: Target) -> Array:
-        return target.p_WT - target.direction * (self.STANDOFF + self._params.finger_radius)
+    def _reaching(self, index: int, q: Array, before: _Memory | None = None) -> _Memory:
+        """Return the memory of a push that begins at joint positions q (n,)."""
+        target = find_target(self._robot, q, self._pushes[index])
+        standoff = target.p_WT - target.direction * (self.STANDOFF + self._params.finger_radius)
+        return _Memory(index, target, standoff, None if before is None else (before.standoff, before.target.R_WH))
 
     def _update(self, context: Context, state: State) -> None:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
@@ -204,13 +208,12 @@ class HumanHand(LeafSystem):
         following = memory.index + 1
         if following < len(self._pushes) and time >= self._pushes[following].start - self.TRAVEL_TIME:
             q = self._state.Eval(context)[: self._robot.n]
-            target = find_target(self._robot, q, self._pushes[following])
-            value.set_value(_Memory(following, target, memory.target))
+            value.set_value(self._reaching(following, q, memory))
 
     def _setpoint(self, memory: _Memory, time: float) -> tuple[Array, Array]:
         """Position (3,) and orientation (3, 3) that the person wants the hand to have."""
         push, target = self._pushes[memory.index], memory.target
-        standoff, elapsed = self._standoff(target), time - push.start
+        standoff, elapsed = memory.standoff, time - push.start
         if memory.p_release is not None:
             return retreat(memory.p_release, standoff, (elapsed - push.hold) / self.RETREAT_TIME), target.R_WH
         if elapsed >= 0.0:
@@ -218,8 +221,7 @@ class HumanHand(LeafSystem):
             return standoff + target.direction * min((push.speed or self.SPEED) * elapsed, travelled), target.R_WH
         if memory.previous is None:
             return standoff, target.R_WH
-        before, share = memory.previous, 1.0 + elapsed / self.TRAVEL_TIME
-        return travel(self._standoff(before), before.R_WH, standoff, target.R_WH, share)
+        return travel(*memory.previous, standoff, target.R_WH, 1.0 + elapsed / self.TRAVEL_TIME)
 
     def _wrench(self, memory: _Memory, time: float, state: Array) -> Array:
         """Torque and force on the hand (6,)."""

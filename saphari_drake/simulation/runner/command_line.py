@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from saphari_drake.errors import SaphariError
 from saphari_drake.simulation.faults.registry import listed
@@ -64,6 +64,9 @@ Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timin
     add("--model", type=Path, metavar="FILE", help=model_help)
     add("--plant", metavar="NAME", help="ideal (default), or realistic: friction, delay, noise and a model that is off")
     add("--out", type=Path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
+    also: dict[str, Any] = {"action": "append_const", "dest": "also", "default": []}
+    add("--mcap", const="mcap", help="write run.mcap too, for Foxglove or Rerun (extra 'mcap')", **also)
+    add("--gif", const="gif", help="write replay.gif too, an animated picture", **also)
     add("--meshcat", action="store_true", help="live view in a browser; prints its address")
     add("--graphviz", type=Path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")
     return result

@@ -23,6 +23,7 @@ from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
+from saphari_drake.simulation.view.mcap import require_mcap
 from saphari_drake.simulation.view.replay import start_meshcat
 
 PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -72,6 +73,13 @@ class Experiment:
         """Return what a case is, and whether a seed changes nothing in it."""
         return self.cases[case] + ("; a seed changes nothing" if case in self.seedless else "")
 
+    def outcome(self, scenario: Any, options: RunOptions) -> Outcome:
+        """Run a scenario; with faults, their metrics come on top."""
+        result = self.run(scenario, options)
+        if not getattr(scenario, "faults", []):
+            return result
+        return replace(result, metrics=[*result.metrics, *fault_metrics(scenario, options.answered.values())])
+
     def seed_matters(self, scenario: Any) -> bool:
         """Return whether a seed changes what a run of the scenario gives; it does for every plant that is not ideal."""
         return scenario.case not in self.seedless or (
@@ -106,10 +114,14 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
         return PASSED
-    scenarios = _scenarios(experiment, options)
+    scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
         _write_graph(experiment, scenarios[0], options.graphviz)
         return PASSED
+    if options.also and options.out is None:
+        raise ParameterError(f"--{options.also[0]}", "needs --out, the folder to write to")
+    if "mcap" in options.also:
+        require_mcap()
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
     meshcat = None
@@ -120,7 +132,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder)
+            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -131,16 +143,14 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     return status
 
 
-def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None) -> bool:
+def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder: Path | None, also: list[str]) -> bool:
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
     if sys.stderr.isatty():
         print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     tree = to_tree(scenario)
-    outcome = experiment.run(scenario, options)
-    if getattr(scenario, "faults", []):
-        outcome = replace(outcome, metrics=[*outcome.metrics, *fault_metrics(scenario, options.answered.values())])
+    outcome = experiment.outcome(scenario, options)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     if getattr(scenario, "plant", "ideal") != "ideal":
@@ -149,11 +159,11 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
         heading += f"\nfaults: {', '.join(scenario.faults)}"
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario))
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
     return outcome.passed
 
 
-def _scenarios(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
+def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
     cases = options.case or list(experiment.cases)

@@ -3,10 +3,13 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.parameters import require_choice
+from saphari_drake.robots import catalog
+from saphari_drake.robots.attached import ModelOptions
 from saphari_drake.robots.corrections import RobotCorrections, corrected
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import FAULTS, STATIC, FaultSizes, require_faults
@@ -22,8 +25,9 @@ class PlantScenario:
     seed: int = 0
     # s.
     duration: float = 1.0
-    # Catalog name, or path of a URDF or SDF.
+    # Catalog name, or path of a URDF, SDF or MJCF; and what is known of it beside that file.
     robot: str = "lwr4"
+    model: ModelOptions = field(default_factory=ModelOptions)
     # The plant: ideal, or realistic with the numbers below.
     plant: str = "ideal"
     realistic: PlantProfile = field(default_factory=realistic)
@@ -40,13 +44,17 @@ class PlantScenario:
         if not np.isfinite(self.fault_time):
             raise ParameterError("fault_time", f"must be finite, got {self.fault_time}")
 
+    def loaded(self, home: ArrayLike = ()) -> RobotModel:
+        """Return the robot as its file and `model` have it; `home` in deg (m), empty: its own."""
+        return catalog.load(self.robot, home=np.deg2rad(home), options=self.model)
+
     def known(self, robot: RobotModel, observer: MomentumObserverParameters | None = None) -> RobotModel:
         """Return the robot as its controllers know it, for a robot out of its file; an observer takes the friction."""
         if not self.identified:
             return robot
         found = RobotCorrections.read(self.identified)
         if observer is not None:
-            observer.friction.coulomb, observer.friction.viscous = found.coulomb or 0.0, found.viscous or 0.0
+            observer.friction.coulomb, observer.friction.viscous = found.coulomb or 0.0, found.viscous
         return corrected(robot, found)
 
     def fault_start(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,9 +20,10 @@ import saphari_drake
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.record.log import Log
+from saphari_drake.simulation.view.mcap import McapFile
 
 TIMING = re.compile(r"_ms(_|$)|^real_time_factor")
-RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html")
+RESULTS = ("metrics.json", "log.npz", "figure.png", "replay.html", "run.mcap", "replay.gif")
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Outcome:
     draw : callable
         Returns the figure of the run; called only if files are written.
     replay : callable, optional
-        Writes the replay to the path it is given; called only if files are written.
+        Writes the replay to the path, or to the open `McapFile`, that it is given; called only if files are written.
     files : mapping from str to str
         Text of other files, by their names.
     """
@@ -92,7 +93,7 @@ class Outcome:
     metrics: Sequence[Metric]
     log: Log
     draw: Callable[[], Figure]
-    replay: Callable[[Path], None] | None = None
+    replay: Callable[[Any], None] | None = None
     files: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -178,9 +179,15 @@ def prepare_folder(folder: Path, scenario: Any) -> None:
     write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
 
 
-def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any], seed_matters: bool = True) -> None:
-    """Write the results of a run: metrics.json, log.npz, figure.png and, if there is one, replay.html."""
-    metrics, log, picture, page = (folder / name for name in RESULTS)
+def write_outputs(
+    folder: Path,
+    outcome: Outcome,
+    scenario_tree: dict[str, Any],
+    seed_matters: bool = True,
+    also: Collection[str] = (),
+) -> None:
+    """Write metrics.json, log.npz, figure.png and, if there is one, replay.html; `also` names mcap, gif or both."""
+    metrics, log, picture, page, run, animation = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree, seed_matters)
     write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     outcome.log.save(log)
@@ -193,3 +200,11 @@ def write_outputs(folder: Path, outcome: Outcome, scenario_tree: dict[str, Any],
     if outcome.replay is not None:
         with atomic_path(page) as temporary:
             outcome.replay(temporary)
+    if "gif" in also and outcome.replay is not None:
+        with atomic_path(animation) as temporary:
+            outcome.replay(temporary)
+    if "mcap" in also:
+        with atomic_path(run) as temporary, McapFile(temporary) as file:
+            file.add_log(outcome.log)
+            if outcome.replay is not None:
+                outcome.replay(file)

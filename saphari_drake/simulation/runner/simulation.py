@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass, field
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from saphari_drake.simulation.faults.watch import Answer, answer
@@ -60,6 +60,9 @@ class Simulation:
         self._simulator, self._options = Simulator(diagram), options or RunOptions()
         self._number = len(self._options.answered)
         self._simulator.set_target_realtime_rate(self._options.realtime_rate)
+        if self._simulator.get_context().num_continuous_states() == 0:
+            # Drake's default integrator looks at all systems three times a step, though nothing is to be integrated.
+            ResetIntegratorFromFlags(self._simulator, "explicit_euler", CHUNK)
         self._simulator.Initialize()
 
     def to(self, end: float) -> Context:

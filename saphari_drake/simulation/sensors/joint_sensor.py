@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from saphari_drake.compiled import njit
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle
@@ -31,9 +32,21 @@ class JointSensorParameters:
         require_non_negative(self, "position_resolution", "velocity_resolution")
 
 
+@njit(cache=True)
 def quantize(value: Array, resolution: float) -> Array:
-    """Round to whole steps of `resolution`; 0 returns the value as it is."""
-    return value if resolution == 0.0 else resolution * np.round(value / resolution)
+    """Round a vector to whole steps of `resolution`; 0 returns the values as they are."""
+    return value.copy() if resolution == 0.0 else resolution * np.rint(value / resolution)
+
+
+@njit(cache=True)
+def sampled(state: Array, before: Array, resolution: tuple[float, float], period: float) -> tuple[Array, Array]:
+    """Return positions and velocities (n,) of a state (2n,), rounded to steps of `resolution`.
+
+    With a period that is not 0 (s), velocities are the difference to the positions of the sample before.
+    """
+    n = len(before)
+    q = quantize(state[:n], resolution[0])
+    return q, (q - before) / period if period > 0.0 else quantize(state[n:], resolution[1])
 
 
 class JointSensor(LeafSystem):
@@ -63,7 +76,9 @@ class JointSensor(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._q = self.DeclareDiscreteState(robot.home)
         self._v = self.DeclareDiscreteState(robot.n)
-        period = self._params.period
+        period, resolution = self._params.period, (self._params.position_resolution, self._params.velocity_resolution)
+        self._rules = resolution, period if self._params.differentiate else 0.0
+        sampled(np.zeros(2 * robot.n), robot.home, *self._rules)  # compiled before the first sample
         self.DeclareInitializationUnrestrictedUpdateEvent(self._sample_first)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._sample)
         self.DeclareStateOutputPort("position_measured", self._q)
@@ -75,12 +90,8 @@ class JointSensor(LeafSystem):
 
     def _sample(self, context: Context, updated: State) -> None:
         state = self._state.Eval(context)
-        q = quantize(state[: self._n], self._params.position_resolution)
-        if self._params.differentiate:
-            v = (q - context.get_discrete_state(self._q).value()) / self._params.period
-        else:
-            v = quantize(state[self._n :], self._params.velocity_resolution)
-        self._store(updated, q, v)
+        before = np.array(context.get_discrete_state(self._q).value())
+        self._store(updated, *sampled(state, before, *self._rules))
 
     def _store(self, updated: State, q: Array, v: Array) -> None:
         updated.get_mutable_discrete_state(self._q).SetFromVector(q)

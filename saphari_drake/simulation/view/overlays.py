@@ -75,22 +75,11 @@ def record_overlay(
     meshcat: Meshcat, animation: MeshcatAnimation, overlay: Arrow | Marker, stamps: Array, frame_times: Array
 ) -> None:
     """Record an overlay, given at the times `stamps`, at every frame; the arrow's and the ball's shape never change."""
-    path = f"{ROOT}/{overlay.name}"
-    color = Rgba(*overlay.color)
-    anchor = overlay.tail if isinstance(overlay, Arrow) else overlay.position
-    points = rows_at(stamps, np.atleast_2d(np.asarray(anchor, dtype=float)), frame_times, overlay.name)
-    shown = np.ones(frame_times.size, dtype=bool)
-    if overlay.visible is not None:
-        given = np.asarray(overlay.visible, dtype=float).reshape(-1, 1)
-        shown = rows_at(stamps, given, frame_times, f"{overlay.name}.visible", nearest=True)[:, 0] > 0.5
-    shown &= np.all(np.isfinite(points), axis=1)
+    path, color = f"{ROOT}/{overlay.name}", Rgba(*overlay.color)
+    points, vectors, shown = shown_at(overlay, stamps, frame_times)
     if isinstance(overlay, Marker):
         meshcat.SetObject(path, Sphere(overlay.radius), color)
-        vectors = np.tile([0.0, 0.0, 1.0], (frame_times.size, 1))
     else:
-        given = np.atleast_2d(np.asarray(overlay.vector, dtype=float))
-        vectors = overlay.scale * rows_at(stamps, given, frame_times, overlay.name)
-        shown &= np.nan_to_num(np.linalg.norm(vectors, axis=1)) > 1e-6
         # The shaft is a cylinder of length 1 from the tail on, stretched; the head keeps its size at the tip.
         meshcat.SetObject(f"{path}/shaft/body", Cylinder(overlay.radius, 1.0), color)
         meshcat.SetTransform(f"{path}/shaft/body", RigidTransform([0.0, 0.0, 0.5]))
@@ -112,6 +101,22 @@ def record_overlay(
             shaft = max(length - 4.0 * overlay.radius, 1e-4)
             animation.SetProperty(frame, f"{path}/shaft", "scale", [1.0, 1.0, shaft])
             animation.SetTransform(frame, f"{path}/head", RigidTransform([0.0, 0.0, max(length, 4.0 * overlay.radius)]))
+
+
+def shown_at(overlay: Arrow | Marker, stamps: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return where an overlay is (m), its vector (m; a ball's is the z axis) and whether it is shown, at each time."""
+    anchor = overlay.tail if isinstance(overlay, Arrow) else overlay.position
+    points = rows_at(stamps, np.atleast_2d(np.asarray(anchor, dtype=float)), at, overlay.name)
+    shown = np.ones(at.size, dtype=bool)
+    if overlay.visible is not None:
+        given = np.asarray(overlay.visible, dtype=float).reshape(-1, 1)
+        shown = rows_at(stamps, given, at, f"{overlay.name}.visible", nearest=True)[:, 0] > 0.5
+    shown &= np.all(np.isfinite(points), axis=1)
+    if isinstance(overlay, Marker):
+        return points, np.tile([0.0, 0.0, 1.0], (at.size, 1)), shown
+    given = np.atleast_2d(np.asarray(overlay.vector, dtype=float))
+    vectors = overlay.scale * rows_at(stamps, given, at, overlay.name)
+    return points, vectors, shown & (np.nan_to_num(np.linalg.norm(vectors, axis=1)) > 1e-6)
 
 
 def rows_at(stamps: Array, values: Array, at: Array, name: str, nearest: bool = False) -> Array:

@@ -1,4 +1,4 @@
-"""Replay: a log played into one Meshcat page that opens without a network, starts by itself and repeats."""
+"""Replay: a log played into one Meshcat page that opens without a network and repeats; or into an MCAP file."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.files import write_text
+from saphari_drake.simulation.view.animation import write_animation
+from saphari_drake.simulation.view.mcap import McapFile
 from saphari_drake.simulation.view.overlays import Arrow, Marker, record_overlay, rows_at
 
 __all__ = ["Arrow", "Marker", "start_meshcat", "write_replay"]
 
 Array = NDArray[np.float64]
+ANIMATION_FPS = 10.0
 
 
 def write_replay(
-    path: str | Path,
+    path: str | Path | McapFile,
     build: Callable[[DiagramBuilder], MultibodyPlant],
     times: ArrayLike,
     positions: ArrayLike,
@@ -40,12 +43,12 @@ def write_replay(
     camera: ArrayLike = ((1.5, 1.1, 1.0), (0.0, 0.0, 0.5)),
     title: str = "",
 ) -> None:
-    """Write one HTML file that plays a log.
+    """Write one HTML file that plays a log, or an animated picture of it, or add it to an MCAP file.
 
     Parameters
     ----------
-    path : path
-        File to write.
+    path : path or McapFile
+        File to write, animated if it ends in .gif; or the open file to add to (which has no camera and no title).
     build : callable
         Adds a plant and its scene graph to a builder, finalizes it, and returns it.
     times : (T,) array
@@ -74,11 +77,22 @@ def write_replay(
     names = [overlay.name for overlay in overlays]
     if len(set(names)) != len(names):
         raise ParameterError("overlays", f"each needs a name of its own, got {', '.join(names)}")
+    animated = not isinstance(path, McapFile) and Path(path).suffix == ".gif"
+    fps = min(fps, ANIMATION_FPS) if animated else fps
     frame_times = stamps[0] + np.arange(int((stamps[-1] - stamps[0]) * fps + 1e-9) + 1) / fps
+    builder = DiagramBuilder()
+    plant = build(builder)
+    frames = _frames(plant, stamps, q, frame_times)
+    if isinstance(path, McapFile):
+        path.add_replay(plant, builder.Build(), frame_times, frames, stamps, overlays)
+        return
+    if animated:
+        write_animation(Path(path), builder, plant, frame_times, frames, stamps, overlays, camera)
+        return
     meshcat = start_meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     meshcat.StartRecording(fps, set_visualizations_while_recording=False)
     animation = meshcat.get_mutable_recording()
-    _record_plant(meshcat, build, stamps, q, frame_times, fps)
+    _record_plant(meshcat, builder, plant, frames, fps)
     for overlay in overlays:
         record_overlay(meshcat, animation, overlay, stamps, frame_times)
     meshcat.StopRecording()
@@ -108,22 +122,17 @@ def show(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat | No
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
 
 
-def _record_plant(
-    meshcat: Meshcat,
-    build: Callable[[DiagramBuilder], MultibodyPlant],
-    stamps: Array,
-    positions: Array,
-    frame_times: Array,
-    fps: float,
-) -> None:
-    builder = DiagramBuilder()
-    plant = build(builder)
+def _frames(plant: MultibodyPlant, stamps: Array, positions: Array, frame_times: Array) -> Array:
+    """Return the positions of a plant at the times of the frames."""
     if positions.ndim != 2 or positions.shape[1] != plant.num_positions():
         raise ParameterError("positions", f"the plant has {plant.num_positions()} positions, got {positions.shape}")
     if not np.all(np.isfinite(positions)):
         row = int(np.argmin(np.all(np.isfinite(positions), axis=1)))
         raise ParameterError("positions", f"row {row} is not finite")
-    q = rows_at(stamps, _continuous(plant, positions), frame_times, "positions")
+    return rows_at(stamps, _continuous(plant, positions), frame_times, "positions")
+
+
+def _record_plant(meshcat: Meshcat, builder: DiagramBuilder, plant: MultibodyPlant, frames: Array, fps: float) -> None:
     scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1.0 / fps)
@@ -132,10 +141,10 @@ def _record_plant(
     root = diagram.CreateDefaultContext()
     plant_context = plant.GetMyMutableContextFromRoot(root)
     visualizer_context = visualizer.GetMyContextFromRoot(root)
-    for frame, frame_positions in enumerate(q):
+    for frame, positions in enumerate(frames):
         # The frame number is rounded down; half a frame keeps it away from the edge.
         root.SetTime((frame + 0.5) / fps)
-        plant.SetPositions(plant_context, frame_positions)
+        plant.SetPositions(plant_context, positions)
         visualizer.ForcedPublish(visualizer_context)
 
 

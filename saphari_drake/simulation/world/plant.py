@@ -82,9 +82,9 @@ def add_robot(plant: MultibodyPlant, robot: RobotModel, params: PlantParameters,
 
 
 def joint_friction(robot: RobotModel, params: PlantParameters, truth: Truth) -> tuple[Array, Array]:
-    """Return Coulomb (Nm or N) and viscous friction (Nms/rad or Ns/m) of the joints, (n,) each."""
+    """Return Coulomb (Nm or N) and viscous friction (Nms/rad or Ns/m) of the joints, that of the file included."""
     share, scale = params.friction_share, joint_scale(robot)
-    coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale
+    coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale + robot.viscous
     if share == 0.0:
         return coulomb, viscous
     dry, damping = (diagonal(getattr(params, name), robot.n, name) for name in ("coulomb", "viscous"))

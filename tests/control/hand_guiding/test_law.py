@@ -381,7 +381,7 @@ def test_dead_or_saturated_modules_do_not_stop_it(lwr4):
 def test_another_arm_is_led_alike(load_arm, arm):
     robot = load_arm(arm)
     if arm == "panda":
-        home, frame = np.array([0.3, 0.4, 0.1, -1.6, 0.2, 1.4, 0.1, 0.02, 0.02]), "panda_hand"
+        home, frame = np.array([0.3, 0.4, 0.1, -1.6, 0.2, 1.4, 0.1]), "panda_hand"
     else:
         home, frame = np.array([0.2, 0.3, 0.1, 1.2, 0.1, 0.8, 0.0]), "link7"
     guided = Guided(robot, home, skin_link=3, p_skin=np.array([0.0, 0.05, 0.0]), tip_frame=frame)

@@ -104,7 +104,7 @@ def test_without_a_finite_input_there_is_no_motion(lwr4, place, value):
     """One entry is enough; the next pass with finite ones is as ever."""
     bound = tasks.Bound(tasks.target_distance(lwr4, "link_7", 1), lower=0.1)
     stack = PriorityStack(lwr4, [[bound], tasks.pose_task(lwr4, "link_7"), tasks.joint_limits(lwr4)])
-    good = [lwr4.home, np.zeros(7), np.eye(1, 18), TARGETS]
+    good = [lwr4.home, np.zeros(7), np.array([[*np.eye(3).ravel(), *np.zeros(9)]]), TARGETS]
     before = stack.solve(*good, 0.005)
     bad = [array.copy() for array in good]
     bad[place].flat[-1] = value

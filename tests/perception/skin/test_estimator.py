@@ -150,7 +150,7 @@ def test_a_touch_shows_in_the_reading_of_its_own_sample(skin, estimator):
     (contact,) = reading.contacts
     assert (reading.stamp, reading.status, contact.link) == (0.5, SkinStatus.OK, layout.link)
     assert contact.normal_force == pytest.approx(8.0, rel=0.03)
-    assert np.linalg.norm(contact.tangential_force_L) < 0.25
+    assert np.linalg.norm(contact.f_L + contact.normal_force * contact.n_L) < 0.25
     np.testing.assert_allclose(contact.p_LC, layout.surface([0.003, -0.002])[0], atol=0.001)
     f_L = np.einsum("mij,mj->i", layout.R_LM, bench.read("module_forces").reshape(-1, 3))
     np.testing.assert_allclose(f_L, push(layout).f_L, atol=0.4)

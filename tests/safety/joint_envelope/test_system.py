@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SystemStatus
-from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
@@ -42,12 +42,11 @@ def run(robot, torque, duration, exact=False, stale_time=np.inf):
     encoders = JointSensorParameters(STEP, 0.0, 0.0, False) if exact else JointSensorParameters(STEP)
     params = JointEnvelopeParameters(velocity_age=0.0 if exact else 0.5 * STEP, stale_time=stale_time)
     sensor = builder.AddSystem(JointSensor(robot, encoders))
-    dynamics, envelope = builder.AddSystem(RobotDynamics(robot)), builder.AddSystem(JointEnvelope(robot, params))
+    envelope = builder.AddSystem(JointEnvelope(robot, params))
     command = builder.AddSystem(Command(torque))
     builder.Connect(plant.get_state_output_port(arm), sensor.GetInputPort("state"))
     for name in ("position_measured", "velocity_measured"):
-        builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
-    builder.Connect(dynamics.GetOutputPort("dynamics"), envelope.GetInputPort("dynamics"))
+        builder.Connect(sensor.GetOutputPort(name), envelope.GetInputPort(name))
     builder.Connect(command.GetOutputPort("torque"), envelope.GetInputPort("torque_commanded"))
     builder.Connect(envelope.GetOutputPort("torque_applied"), torque_input(builder, robot, plant, arm))
     simulator = Simulator(builder.Build())
@@ -130,23 +129,37 @@ def test_a_frozen_command_of_an_arm_at_rest_is_none_of_a_dead_controller(lwr4):
     assert np.all(status == SystemStatus.OK)
 
 
+def resting(robot, params=None):
+    """Return the bench of an envelope of an arm that rests at home under its weight (n,), and that weight."""
+    weight, zero = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)).g, np.zeros(robot.n)
+    envelope = JointEnvelope(robot, params)
+    return Bench(envelope, position_measured=robot.home, velocity_measured=zero, torque_commanded=weight), weight
+
+
 def test_an_unknown_state_leaves_torque_and_rate_limited(lwr4):
-    start = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
-    bench = Bench(JointEnvelope(lwr4), dynamics=start, torque_commanded=start.g)
-    bench.set(dynamics=start.unknown(), torque_commanded=np.full(7, 1e3))
-    np.testing.assert_allclose(bench.read("torque_applied"), np.minimum(start.g + 1.0, lwr4.tau_max))
+    bench, weight = resting(lwr4)
+    bench.set(position_measured=np.full(7, np.nan), torque_commanded=np.full(7, 1e3))
+    np.testing.assert_allclose(bench.read("torque_applied"), np.minimum(weight + 1.0, lwr4.tau_max))
     assert bench.read("status") == EnvelopeStatus.BAD_INPUT
     assert bench.read("system_status") == SystemStatus.BAD_INPUT
 
 
+def test_a_frozen_command_is_held_against_where_the_state_is_known_again(lwr4):
+    """Not where it was not."""
+    bench, _ = resting(lwr4, JointEnvelopeParameters(stale_time=0.003))
+    for k in range(10):
+        bench.set(velocity_measured=np.full(7, np.nan if k < 7 else 0.01 * k))
+        bench.simulator.AdvanceTo((k + 1) * STEP + 2e-6)
+        assert np.isfinite(bench.read("torque_applied")).all()
+    assert bench.read("system_status") == SystemStatus.HOLDING
+
+
 def test_the_mean_torque_is_that_at_the_joints(lwr4):
     """Delayed, over the last window."""
-    start = evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
-    params = JointEnvelopeParameters(torque_delay=0.002, mean_time=0.003, period=0.005 / 5)
-    bench = Bench(JointEnvelope(lwr4, params), dynamics=start, torque_commanded=start.g)
-    given = [start.g] * 5
+    bench, weight = resting(lwr4, JointEnvelopeParameters(torque_delay=0.002, mean_time=0.003, period=0.005 / 5))
+    given = [weight] * 5
     for k in range(20):
-        bench.set(torque_commanded=start.g + 0.3 * np.sin(k + np.arange(7)))
+        bench.set(torque_commanded=weight + 0.3 * np.sin(k + np.arange(7)))
         given.append(bench.read("torque_applied"))
         np.testing.assert_allclose(bench.read("torque_mean"), np.mean(given[-5:-2], axis=0))
         bench.simulator.AdvanceTo((k + 1) * STEP + 2e-6)

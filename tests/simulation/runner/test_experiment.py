@@ -1,5 +1,6 @@
 """The runner: options, exit statuses, table, files, and that a run can be repeated from its own scenario."""
 
+import dataclasses
 import io
 import json
 import math
@@ -24,6 +25,7 @@ from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.scenario import with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions, advance
+from saphari_drake.simulation.view import mcap
 from saphari_drake.simulation.view.figures import Panel, time_panels
 
 
@@ -161,6 +163,20 @@ def test_files_of_a_case(tmp_path):
     assert log.units["state"] == "m, m/s" and log["state"].shape == (log.time.size, 2)
     with np.load(tmp_path / "soft" / "log.npz") as archive:
         assert json.loads(str(archive["units"]))["time"] == "s"
+
+
+def test_mcap_needs_a_folder_and_its_package(tmp_path, capsys, monkeypatch):
+    assert main(toy(), ["--mcap"]) == 2 and "--mcap: needs --out" in one_error_line(capsys)
+    monkeypatch.setattr(mcap, "find_spec", lambda name: None)
+    assert main(toy(), ["--mcap", "--out", str(tmp_path)]) == 2
+    assert "pip install 'saphari_drake[mcap]'" in one_error_line(capsys) and not any(tmp_path.iterdir())
+
+
+def test_mcap_is_one_file_more(tmp_path):
+    pytest.importorskip("mcap_protobuf", reason="the extra 'mcap' is not installed")
+    quiet = toy(run=lambda scenario, options: dataclasses.replace(run(scenario, options), replay=None))
+    assert main(quiet, ["--case", "soft", "--mcap", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "soft" / "run.mcap").read_bytes()[1:5] == b"MCAP"
 
 
 def test_run_again_from_scenario_gives_the_same_metrics(tmp_path):

@@ -130,3 +130,23 @@ def test_wrong_sizes_are_named(tmp_path):
     with pytest.raises(ParameterError, match="positions: row 2 is not finite"):
         write_replay(path, build, TIMES, np.where(np.arange(101)[:, None] == 2, np.nan, POSITIONS))
     assert not path.exists()
+
+
+@pytest.mark.render
+def test_an_animated_picture_shows_body_and_overlay(tmp_path):
+    """The red ball moves to the side as its joint does; the marker is drawn while it is visible."""
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "replay.gif"
+    marker = Marker("point", [0.0, 0.0, 0.3], 0.05, (0.0, 0.0, 1.0), visible=TIMES > 1.5)
+    write_replay(path, build, TIMES, POSITIONS, [marker], camera=[[0.0, -2.0, 0.0], [0.0, 0.0, 0.0]])
+    picture, columns, blue = image.open(path), [], []
+    for frame in range(picture.n_frames):
+        picture.seek(frame)
+        rgb = np.asarray(picture.convert("RGB"), dtype=int)
+        red = (rgb[..., 0] > 80) & (rgb[..., 1] < 60) & (rgb[..., 2] < 60)
+        columns.append(np.argwhere(red)[:, 1].mean())
+        blue.append(((rgb[..., 2] > 150) & (rgb[..., 0] < 60)).any())
+    assert picture.n_frames == 11 and np.all(np.diff(columns) > 0.0)
+    focal = 0.5 * 400 / np.tan(np.deg2rad(20.0))
+    assert columns[-1] - columns[0] == pytest.approx(focal * 0.5 / 2.0, rel=0.03)
+    assert not any(blue[:5]) and all(blue[6:])

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,7 +129,7 @@ def test_failures_count_in_every_share_and_can_be_replayed(lwr4):
     assert values["meets_all_share"] == 0.75 and values["meets_all_share_seen"] == 1.0
     assert values["meets_all_share_hidden"] == 0.0
     assert values["unanswered_share_max"] == 1.0 and values["wander_max_m"] == 0.3
-    text = random_judge.failures(lwr4, [judged(), lost], 5)
+    text = random_judge.failures(lwr4, [judged(), lost], SimpleNamespace(case="random", seed=5))
     assert text.count("\n") == 0 and "--seed 5 --set trial=7" in text
 
 

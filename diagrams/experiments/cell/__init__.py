@@ -1,0 +1,1 @@
+"""What the safe cell is made of, how it is run, judged and shown."""

@@ -1,0 +1,1 @@
+"""Many trials of an experiment: on the cores of a machine or on a cluster, counted, searched and replayed."""

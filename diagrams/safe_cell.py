@@ -1,0 +1,63 @@
+"""A robot at work beside people who come near, touch it and lead it: all methods under one supervisor.
+
+No claim of compliance: the monitors compute the standard's formulas, with limits written down from memory; check them
+against a licensed copy.
+"""
+
+import sys
+
+from experiments.cell.build import build_cell
+from experiments.cell.figures import cell_figure, cell_replay
+from experiments.cell.run import metrics_of, simulate
+from experiments.cell.scenario import CellScenario
+from pydrake.systems.framework import Diagram
+
+from saphari_drake.simulation.faults.registry import ARM
+from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.results import Outcome
+from saphari_drake.simulation.runner.simulation import RunOptions
+
+CASES = {"fixed": "a LWR4 on a fixed base", "mobile": "the omniRob with its arm"}
+
+
+def scenario_for(case: str) -> CellScenario:
+    """Return the scenario of a case."""
+    return CellScenario(case=case, robot="lwr4" if case == "fixed" else "omnirob")
+
+
+def build_diagram(scenario: CellScenario) -> Diagram:
+    """Return the diagram of a scenario."""
+    return build_cell(scenario).diagram
+
+
+def run(scenario: CellScenario, options: RunOptions) -> Outcome:
+    """Run all trials in all ways, and judge them; figure and replay show the first run."""
+    runs = [
+        simulate(scenario, trial, way, options if (trial, k) == (0, 0) else RunOptions(answered=options.answered))
+        for trial in range(scenario.trials)
+        for k, way in enumerate(scenario.ways)
+    ]
+    first = runs[0]
+    title = f"Safe cell, {CASES[scenario.case]}."
+    return Outcome(
+        metrics_of(runs, scenario),
+        first.slow,
+        lambda: cell_figure(first, title),
+        lambda path: cell_replay(first, path, title),
+    )
+
+
+EXPERIMENT = Experiment(
+    "safe_cell",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    accepts_model=True,
+    parts=lambda case: (*ARM, "skin", "wrist", "camera"),
+)
+
+
+if __name__ == "__main__":
+    sys.exit(main(EXPERIMENT))

@@ -1,0 +1,1 @@
+"""The five methods in one cell, under one supervisor."""

@@ -1,0 +1,1 @@
+"""Power and force limiting: no faster than a contact may be hard."""

@@ -1,0 +1,1 @@
+"""Speed and separation monitoring: as fast as the way to people allows."""

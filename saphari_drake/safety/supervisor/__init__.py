@@ -1,0 +1,1 @@
+"""The supervisor: one state of the cell, one table of transitions."""
