@@ -36,11 +36,11 @@ class JointCheck(LeafSystem):
         - torque_measured
         - torque_expected
         output_ports:
-        - position_checked
-        - velocity_checked
         - status
         - joint
         - system_status
+        - position_checked
+        - velocity_checked
 
     Ports
     -----
