@@ -16,7 +16,7 @@ from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.guiding_hands import Pull
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.limits import limit_metrics
-from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.results import Metric, NothingToJudgeError, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
 CASES = {
@@ -72,17 +72,22 @@ def run(scenario: RandomGuidingScenario, options: RunOptions) -> Outcome:
     runs = GuidingRuns(scenario, SYNTHETIC, options)
     result, alone, stronger = runs.get(), runs.get(0.0), runs.get(STRONGER)
     title = f"Hand guiding, {CASES[scenario.case]}\n({FIGURES[scenario.case]}; dotted: the first hand alone)"
+    metrics, note = limits(result, stronger), ""
+    try:
+        metrics = [*judged(result, alone, stronger), *metrics]
+    except NothingToJudgeError as error:
+        note = str(error)
     return Outcome(
-        judged(result, alone, stronger),
+        metrics,
         result.log,
         lambda: forces_and_velocities(result, alone, title),
         lambda path: replay(result, path, f"Hand guiding: {scenario.case} (orange: end effector, blue: body)"),
+        note=note,
     )
 
 
 def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[Metric]:
     """Return the metrics of the contract, and those that explain them."""
-    scenario = result.setup.scenario
     speeds = [float(np.linalg.norm(judge.true_velocity(result, hand), axis=1).max()) for hand in (0, 1)]
     return [
         Metric("main_task_disturbance", judge.main_task_disturbance(result, alone), "1", high=0.02,
@@ -98,10 +103,14 @@ def judged(result: GuidingRun, alone: GuidingRun, stronger: GuidingRun) -> list[
         Metric("speed_max_body_m_s", speeds[1], "m/s"),
         Metric("rank_second", float(np.median(_second_rank(result))), "1"),
         Metric("torque_step_max_Nm", judge.torque_step(result), "Nm"),
-        *limit_metrics(result.setup.robot, *(np.vstack([r.fast[name] for r in (result, stronger)])
-                                             for name in ("velocity", "torque_excess"))),
-        Metric("real_time_factor", scenario.duration / result.wall, "1", 0.25, decides=False),
     ]  # fmt: skip
+
+
+def limits(result: GuidingRun, stronger: GuidingRun) -> list[Metric]:
+    """Return how far both runs use the joints' limits, and how fast the first one was."""
+    parts = (np.vstack([run.fast[name] for run in (result, stronger)]) for name in ("velocity", "torque_excess"))
+    factor = result.setup.scenario.duration / result.wall
+    return [*limit_metrics(result.setup.robot, *parts), Metric("real_time_factor", factor, "1", 0.25, decides=False)]
 
 
 def _second_rank(result: GuidingRun) -> np.ndarray:

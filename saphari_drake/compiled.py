@@ -16,6 +16,7 @@ none of this module's business.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -110,6 +111,13 @@ def _names(code: CodeType) -> list[str]:
     return sorted({*code.co_names, *inner})
 
 
+@functools.cache
+def _tell_once() -> None:
+    """Tell somebody who waits at a terminal what for."""
+    if sys.stderr.isatty():
+        print(f"{PACKAGE}: compiling, which takes a minute or two the first time", file=sys.stderr, flush=True)
+
+
 class _KernelCache(FunctionCache):
     """numba's cache, with files named by the hash; where they vanish or cannot be written, the kernel still runs."""
 
@@ -120,6 +128,12 @@ class _KernelCache(FunctionCache):
         self._kernel, self._stem = kernel, name.replace("<", "").replace(">", "")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._loaded(sig, target_context)
+        if found is None:
+            _tell_once()
+        return found
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
         stamp = code_hash(self._kernel)
         self._cache_file = IndexDataCacheFile(self.cache_path, f"{self._stem}-{stamp}", stamp)
         with contextlib.suppress(OSError):

@@ -27,6 +27,14 @@ def require_non_negative(params: object, *names: str) -> None:
             raise ParameterError(name, f"must not be negative, got {getattr(params, name)}")
 
 
+def require_within(params: object, low: float, high: float, *names: str) -> None:
+    """Demand numbers (or arrays of them) from `low` to `high` in the named fields."""
+    for name in names:
+        value = np.asarray(getattr(params, name), dtype=float)
+        if not np.all((value >= low) & (value <= high)):
+            raise ParameterError(name, f"must lie in {low:g} … {high:g}, got {getattr(params, name)}")
+
+
 def require_vector(params: object, size: int, *names: str) -> None:
     """Demand `size` finite numbers in the named fields."""
     for name in names:

@@ -17,6 +17,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from saphari_drake.errors import ParameterError
+
 # s; cycles fire this long after their nominal times. Times that are equal on paper differ by rounding, so that without
 # it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
 CYCLE_OFFSET = 1.0e-6
@@ -32,7 +34,14 @@ def cycle(period: float) -> dict[str, float]:
 
     All systems of a cycle declare *unrestricted* updates with it. Drake applies those before discrete updates, so that
     a mix would show one half of the cycle what the other half has decided already.
+
+    Raises
+    ------
+    ParameterError
+        If it is shorter than 10 µs, ten offsets: no arm takes commands so often, and no simulation would end.
     """
+    if not period >= 10.0 * CYCLE_OFFSET:
+        raise ParameterError("period", f"must be at least {10.0 * CYCLE_OFFSET:g} s, got {period}")
     return {"period_sec": period, "offset_sec": period + CYCLE_OFFSET}
 
 

@@ -204,7 +204,7 @@ class ModelErrorEstimator(LeafSystem):
         bias, variance = H @ learned.theta, np.einsum("ij,jk,ik->i", H, learned.covariance, H)
         change = self._gain * (terms.p - memory.p_lagged) if memory.started else zero
         unsure = p.multiple * np.sqrt(np.maximum(variance, 0.0)) + p.inertia * np.abs(change)
-        return _Estimate(replace(terms, g=terms.g - bias), H, r - memory.lagged @ learned.theta, bias, unsure)
+        return _Estimate(terms.with_gravity(terms.g - bias), H, r - memory.lagged @ learned.theta, bias, unsure)
 
     def _update(self, context: Context, state: State) -> None:
         before, now, r = self._remembered(context), self._estimate.Eval(context), self._residual.Eval(context)

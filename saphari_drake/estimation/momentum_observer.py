@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.joint_friction import JointFrictionParameters, joint_friction
+from saphari_drake.math.products import all_finite
 from saphari_drake.messages import status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsInput, DynamicsTerms, evaluate_dynamics
@@ -96,10 +97,24 @@ def delayed(torques: Array, cycles: float) -> Array:
     return (1.0 - share) * torques[min(whole, last)] + share * torques[min(whole + 1, last)]
 
 
+class _Memory(NamedTuple):
+    share: Array  # (n,) of the Coulomb friction
+    integral: Array  # (n,) σ
+    recent: Array  # (k, n) residuals of the average before the latest, the newest first
+    past: Array  # (k, n) torques of the last periods, the newest first
+    filled: int  # how many of these are known
+    started: bool
+
+    def sigma(self, terms: DynamicsTerms) -> Array:
+        """Return σ; before the first update p: the residual starts at zero whatever the initial momentum is."""
+        return self.integral if self.started else terms.p
+
+
 class _Estimate(NamedTuple):
     r: Array
     averaged: Array
-    integral: Array  # σ
+    unsure: Array  # friction_uncertainty
+    rubbing: Array  # friction_torque
 
 
 class MomentumObserver(LeafSystem):
@@ -147,71 +162,52 @@ class MomentumObserver(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, np.zeros(robot.n))
         self._dynamics = DynamicsInput(self, terms)
         self._torque = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
-        self._delay = params.delay
-        self._kept = int(np.ceil(self._delay))
-        self._friction = joint_friction(params.friction, robot)
-        self._share = self.DeclareDiscreteState(robot.n)  # of Coulomb friction
-        self._integral = self.DeclareDiscreteState(robot.n)
-        self._past = self.DeclareDiscreteState(self._kept * robot.n)  # torques of the last periods, the newest first
-        self._known = self.DeclareDiscreteState(1)  # how many
-        self._started = self.DeclareDiscreteState(1)
-        self._recent = self.DeclareDiscreteState((params.averaged - 1) * robot.n)  # residuals before, the newest first
+        self._delay, n = params.delay, robot.n
+        self._kept, self._others = int(np.ceil(self._delay)), params.averaged - 1
+        self._friction, self._none = joint_friction(params.friction, robot), np.zeros(n)
+        self._rubs = bool(self._friction.coulomb.any() or self._friction.viscous.any())
+        self._memory = self.DeclareDiscreteState((2 + self._others + self._kept) * n + 2)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        start = _Estimate(np.zeros(robot.n), np.zeros(robot.n), terms.p)
-        tickets = {self._dynamics.ticket(), self.xd_ticket()}
-        self._estimate = declare_cache(self, "residual", start, self._evaluate, tickets)
+        start = _Estimate(self._none, self._none, self._none, self._none)
+        self._estimate = declare_cache(
+            self, "residual", start, self._evaluate, {self._dynamics.ticket(), self.xd_ticket()}
+        )
         readouts = {
-            "torque_external": (robot.n, lambda e: e.averaged),
+            "torque_external": (n, lambda e: e.averaged),
             "system_status": (1, lambda e: [status_of(e.averaged)]),
+            "friction_uncertainty": (n, lambda e: e.unsure),
+            "friction_torque": (n, lambda e: e.rubbing),
         }
         declare_readouts(self, self._estimate, readouts)
-        unsure = declare_cache(self, "unsure", start.r, self._unsure, {self.discrete_state_ticket(self._share)})
-        declare_readouts(self, unsure, {"friction_uncertainty": (robot.n, lambda torque: torque)})
-        rubbing = declare_cache(self, "rubbing", start.r, self._rubbing, tickets)
-        declare_readouts(self, rubbing, {"friction_torque": (robot.n, lambda torque: torque)})
+
+    def _remembered(self, context: Context) -> _Memory:
+        x, n = np.array(context.get_discrete_state(self._memory).value()), len(self._none)
+        rows = x[:-2].reshape(-1, n)
+        return _Memory(rows[0], rows[1], rows[2 : 2 + self._others], rows[2 + self._others :], int(x[-2]), x[-1] == 1.0)
 
     def _evaluate(self, context: Context) -> _Estimate:
-        terms: DynamicsTerms = self._dynamics.Eval(context)
-        # Before the first update σ = p: the residual starts at zero whatever the initial momentum is.
-        started = context.get_discrete_state(self._started).value()[0] == 1.0
-        integral = np.array(context.get_discrete_state(self._integral).value()) if started else terms.p
-        r = residual(terms.p, integral, self._gain)
-        return _Estimate(r, np.mean(self._latest(context, r), axis=0), integral)
-
-    def _latest(self, context: Context, r: Array) -> Array:
-        """Return all residuals of the average (k, n), the newest first."""
-        return np.vstack([r, context.get_discrete_state(self._recent).value().reshape(-1, len(r))])
-
-    def _unsure(self, context: Context) -> Array:
-        return self._friction.uncertainty(context.get_discrete_state(self._share).value())
-
-    def _rubbing(self, context: Context) -> Array:
-        share, v = context.get_discrete_state(self._share).value(), self._dynamics.Eval(context).v
-        return self._friction.torque(share, v)
+        memory, terms = self._remembered(context), self._dynamics.Eval(context)
+        r = averaged = residual(terms.p, memory.sigma(terms), self._gain)
+        if self._others:
+            averaged = np.mean(np.vstack([r, memory.recent]), axis=0)
+        if not self._rubs:
+            return _Estimate(r, averaged, self._none, self._none)
+        friction, share = self._friction, memory.share
+        return _Estimate(r, averaged, friction.uncertainty(share), friction.torque(share, terms.v))
 
     def _update(self, context: Context, state: State) -> None:
-        now: _Estimate = self._estimate.Eval(context)
-        torque, terms = np.array(self._torque.Eval(context)), self._dynamics.Eval(context)
-        count = int(context.get_discrete_state(self._known).value()[0])
-        past = context.get_discrete_state(self._past).value().reshape(self._kept, len(torque))
-        torques = np.vstack([torque, past[:count]])
-        share = self._friction.after(context.get_discrete_state(self._share).value(), self._period * terms.v)
-        rubbing = self._friction.torque(share, terms.v)
-        known = bool(np.isfinite(torque).all())
-        if known:
+        memory, r = self._remembered(context), self._estimate.Eval(context).r
+        torque, terms = self._torque.Eval(context), self._dynamics.Eval(context)
+        following = np.zeros((2 + self._others + self._kept) * len(torque) + 2)
+        if all_finite(torque) and terms.finite:
+            torques, share, rubbing = np.vstack([torque, memory.past[: memory.filled]]), memory.share, self._none
+            if self._rubs:
+                share = self._friction.after(share, self._period * terms.v)
+                rubbing = self._friction.torque(share, terms.v)
             acting = delayed(torques, self._delay) + rubbing
-            integral = advance_integral(now.integral, now.r, acting, terms, self._period)
-            known = bool(np.isfinite(integral).all())
-        state.get_mutable_discrete_state(self._share).SetFromVector(share if known else np.zeros(len(torque)))
-        kept = torques[: self._kept] if known else torques[:0]
-        state.get_mutable_discrete_state(self._past).SetFromVector(_padded(kept, self._kept).ravel())
-        state.get_mutable_discrete_state(self._known).SetFromVector([len(kept)])
-        state.get_mutable_discrete_state(self._integral).SetFromVector(integral if known else np.zeros(len(torque)))
-        state.get_mutable_discrete_state(self._started).SetFromVector([float(known)])
-        recent = self._latest(context, now.r)[:-1].ravel()
-        state.get_mutable_discrete_state(self._recent).SetFromVector(recent if known else np.zeros(len(recent)))
-
-
-def _padded(rows: Array, count: int) -> Array:
-    """Return `count` rows, zeros behind the given ones."""
-    return np.vstack([rows, np.zeros((count - len(rows), rows.shape[1]))])
+            integral = advance_integral(memory.sigma(terms), r, acting, terms, self._period)
+            kept, recent = torques[: self._kept], np.vstack([r, memory.recent])[: self._others]
+            known = np.concatenate([share, integral, recent.ravel(), kept.ravel()])
+            if all_finite(integral):
+                following[: len(known)], following[-2:] = known, (len(kept), 1.0)
+        state.get_mutable_discrete_state(self._memory).SetFromVector(following)

@@ -82,7 +82,7 @@ class WrenchCheck(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`.
     wrench_measured : 6 (Nm, N), moment and force of the person on the robot at the tip, world axes.
-    skin : abstract `SkinReading`, of what else touches the robot.
+    skin : abstract `SkinReading`, of what else touches the robot; optional: nothing.
     torque_external : n (Nm or N), of the same, from `MomentumObserver`.
     wrench_checked : 6 (Nm, N), the same as measured; NaN while it is not believed.
     status : 1, a `WrenchCheckStatus`.
@@ -125,7 +125,7 @@ class WrenchCheck(LeafSystem):
     def _felt(self, context: Context) -> Array:
         """Return the torque (n,) of the measured forces; not finite where one is not known."""
         terms: DynamicsTerms = self._dynamics.Eval(context)
-        reading: SkinReading = self._skin.Eval(context)
+        reading: SkinReading = self._skin.Eval(context) if self._skin.HasValue(context) else SkinReading()
         if reading.status == SkinStatus.LOST:
             return np.full(len(terms.q), np.nan)
         torque = terms.point(*self._tip).Jv_WC.T @ self._wrench.Eval(context)[3:]

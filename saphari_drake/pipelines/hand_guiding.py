@@ -1,7 +1,7 @@
 """From measured joints, wrist load and skin voltages to the torque that follows the hands: Section 6, wired."""
 
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
@@ -12,7 +12,7 @@ from saphari_drake.estimation.joint_acceleration import JointAcceleration
 from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.estimation.wrench_check import WrenchCheck, WrenchCheckParameters
-from saphari_drake.parameters import require_positive
+from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimator, SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
@@ -35,9 +35,9 @@ from saphari_drake.safety.joint_envelope.system import JointEnvelope
 
 @dataclass
 class HandGuidingPipelineParameters:
-    """Estimators, controller and switch; they take period and tip from here, whatever theirs were."""
+    """Estimators, controller and switch."""
 
-    # s; the control cycle.
+    # s; the control cycle of all parts, which take it from here.
     period: float = 0.002
     check: JointCheckParameters = field(default_factory=JointCheckParameters)
     skin: SkinEstimatorParameters = field(default_factory=SkinEstimatorParameters)
@@ -56,17 +56,7 @@ class HandGuidingPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        for part in (
-            self.check,
-            self.skin,
-            self.wrist,
-            self.wrench,
-            self.controller,
-            self.switch,
-            self.observer,
-            self.velocity,
-        ):
-            part.period = self.period
+        share_period(self, "check", "skin", "wrist", "wrench", "controller", "switch", "observer", "velocity")
         for part in (self.controller, self.wrench):
             part.tip_frame, part.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
         self.wrench.gain = float(np.mean(self.observer.gain))
@@ -79,8 +69,8 @@ class HandGuidingMeasurements(NamedTuple):
     position: OutputPort  # n (rad or m)
     velocity: OutputPort  # n (rad/s or m/s)
     wrench: OutputPort  # 6 (Nm, N), reading of the wrist sensor
-    voltages: OutputPort  # of the skin (V)
-    sample_time: OutputPort  # when they were read (s)
+    voltages: OutputPort | None = None  # of the skin (V); none: there is no skin
+    sample_time: OutputPort | None = None  # when they were read (s)
     joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
     witness: JointWitness | None = None
 
@@ -88,7 +78,7 @@ class HandGuidingMeasurements(NamedTuple):
 class HandGuidingPipeline(NamedTuple):
     """The systems that others look at."""
 
-    skin: SkinEstimator
+    skin: SkinEstimator | None
     wrist: WristWrenchEstimator
     controller: HandGuidingController
     switch: CommandSwitch
@@ -109,16 +99,18 @@ def add_hand_guiding_pipeline(
     builder: DiagramBuilder,
     robot: RobotModel,
     measured: HandGuidingMeasurements,
-    layout: SkinLayout,
-    calibration: SkinCalibration,
+    layout: SkinLayout | None = None,
+    calibration: SkinCalibration | None = None,
     params: HandGuidingPipelineParameters | None = None,
     tool: ToolParameters | None = None,
 ) -> HandGuidingPipeline:
     """Add dynamics, estimators of skin and wrist, the controller, and what stands behind it, and connect them.
 
-    `tool` is what the wrist sensor carries, as identified; default: as the model has it.
+    Without `layout` and `calibration` there is no skin, and the end effector alone is guided. `tool` is what the wrist
+    sensor carries, as identified; default: as the model has it.
     """
-    params = replace(params or HandGuidingPipelineParameters())  # its parts take period and tip
+    params = params or HandGuidingPipelineParameters()
+    params.__post_init__()  # its parts take period and tip
 
     def add(name: str, system: LeafSystem):
         return builder.AddNamedSystem(name, system)
@@ -134,7 +126,9 @@ def add_hand_guiding_pipeline(
         difference = add("joint_acceleration", JointAcceleration(robot, params.period))
         builder.Connect(velocity, difference.GetInputPort("velocity_measured"))
         acceleration = difference.GetOutputPort("acceleration_measured")
-    skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
+    skin = None
+    if layout is not None and calibration is not None:
+        skin = add("skin_estimator", SkinEstimator(layout, calibration, params.skin))
     believed = add("wrench_check", WrenchCheck(robot, params.wrench))
     wrist = add("wrist_wrench", WristWrenchEstimator(robot, params.wrist, tool))
     controller = add("controller", HandGuidingController(robot, params.controller))
@@ -147,27 +141,30 @@ def add_hand_guiding_pipeline(
     )  # fmt: skip
     estimated.close(builder, dynamics, envelope.GetOutputPort("torque_mean"))
     checked.close(builder, envelope.GetOutputPort("torque_acting"), measured.witness)
-    wires = (
+    wires: list[tuple[Any, LeafSystem, str]] = [
         (position, dynamics, "position_measured"),
         (velocity, dynamics, "velocity_measured"),
         (measured.wrench, wrist, "wrench_sensor"),
-        (measured.voltages, skin, "voltages"),
-        (measured.sample_time, skin, "sample_time"),
         (dynamics.get_output_port(), wrist, "dynamics"),
         # Without it, the feedforward of the measured force would answer what it does to the tool itself.
         (acceleration, wrist, "acceleration_measured"),
         (dynamics.get_output_port(), controller, "dynamics"),
-        (skin.GetOutputPort("skin_reading"), controller, "skin"),
         (wrist.GetOutputPort("wrench_measured"), believed, "wrench_measured"),
         (dynamics.get_output_port(), believed, "dynamics"),
-        (skin.GetOutputPort("skin_reading"), believed, "skin"),
         (torque_external, believed, "torque_external"),
         (believed.GetOutputPort("wrench_checked"), controller, "wrench_measured"),
         (dynamics.get_output_port(), switch, "dynamics"),
         (controller.GetOutputPort("torque_commanded"), switch, "torque_commanded"),
         (dynamics.get_output_port(), observer, "dynamics"),
         (envelope.GetOutputPort("torque_mean"), observer, "torque_applied"),
-    )
+    ]
+    if skin is not None:
+        wires += [
+            (measured.voltages, skin, "voltages"),
+            (measured.sample_time, skin, "sample_time"),
+            (skin.GetOutputPort("skin_reading"), controller, "skin"),
+            (skin.GetOutputPort("skin_reading"), believed, "skin"),
+        ]
     for source, system, name in wires:
         builder.Connect(source, system.GetInputPort(name))
     return HandGuidingPipeline(skin, wrist, controller, switch, envelope)

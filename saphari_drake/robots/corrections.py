@@ -40,7 +40,9 @@ class RobotCorrections:
 
     @classmethod
     def read(cls, path: str | Path) -> "RobotCorrections":
-        """Read a YAML file; `ParameterError` if it does not hold these fields."""
+        """Read a YAML file; `ParameterError` if there is none, or it does not hold these fields."""
+        if not Path(path).is_file():
+            raise ParameterError("identified", f"no file '{path}'")
         try:
             found = yaml_load_typed(schema=cls, filename=str(path), defaults=cls())
         except (RuntimeError, ValueError, OSError) as error:

@@ -14,7 +14,7 @@ from saphari_drake.messages import InteractionMode
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
-from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.runner.results import Metric, NothingToJudgeError
 
 Array = NDArray[np.float64]
 STEADY = 0.3  # s before the release that count as steady
@@ -51,14 +51,16 @@ def find_touches(log: Log, robot: RobotModel, pushes: Sequence[Push]) -> list[To
 
     Raises
     ------
+    NothingToJudgeError
+        If no push ends within the run.
     SensorError
-        If no push ends within the run, or the hand never touched the robot during one.
+        If the hand never touched the robot during one.
     """
     time = log.time
     within = [push for push in pushes if push.start + push.hold <= time[-1]]
     if not within:
         first = min(push.start + push.hold for push in pushes)
-        raise SensorError(f"no push ends within the run of {time[-1]:.3g} s: the first one does at {first:g} s")
+        raise NothingToJudgeError(f"no push ends within {time[-1]:.3g} s, the first one does at {first:g} s")
     pressed = np.linalg.norm(log["contact_truth"][:, :3], axis=1) > 0.0
     starts = [push.start for push in pushes]
     touches = []

@@ -24,7 +24,7 @@ from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
-from saphari_drake.simulation.runner.results import Metric, Outcome
+from saphari_drake.simulation.runner.results import Metric, NothingToJudgeError, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, Marker, show, write_replay
 from saphari_drake.simulation.world.cell import Cell, contact_truth
@@ -125,13 +125,18 @@ def run_contact(
     frame = depth.copy()
     run.to(setup.duration)
     log, fast = run.log(setup.recorder), run.log(setup.fast)
+    answers, note = [], ""
+    try:
+        answers = judged(setup, log)
+    except NothingToJudgeError as error:
+        note = str(error)
     metrics = [
-        *judged(setup, log),
+        *answers,
         *limit_metrics(setup.robot, fast["velocity"], fast["torque_excess"]),
         *timing(setup.robot, scenario.system, log, frame),
         Metric("real_time_factor", run.real_time_factor, "1", 0.25, decides=False),
     ]
-    return Outcome(metrics, log, lambda: draw(setup, log), lambda path: replay(setup, log, path))
+    return Outcome(metrics, log, lambda: draw(setup, log), lambda path: replay(setup, log, path), note=note)
 
 
 def timing(robot: RobotModel, system: ContactCellParameters, log: Log, depth: NDArray[np.float32]) -> list[Metric]:

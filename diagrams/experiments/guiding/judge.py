@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from experiments.guiding.run import GuidingRun
 from experiments.guiding.touches import SkinTouch, skin_touches
 from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
-from saphari_drake.errors import SensorError
 from saphari_drake.math.guided_motion import admittance, admittance_matrices, task_inverse
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.runner.results import NothingToJudgeError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,16 +39,14 @@ def second_phase(run: GuidingRun) -> Mask:
 
     Raises
     ------
-    SensorError
+    NothingToJudgeError
         If there is no such time.
     """
     main = run.setup.scenario.main
     pressed = np.linalg.norm(true_force(run, 1 - main), axis=1) > 0.5
     both = np.flatnonzero(pressed & main_touched(run))
     if len(both) == 0:
-        raise SensorError(
-            "the hands never guide the robot together: the second one does not touch while the first does"
-        )
+        raise NothingToJudgeError("the second hand does not touch while the first one does")
     after = np.arange(len(pressed)) >= both[0]
     lost = np.flatnonzero(after & ~main_touched(run))
     return after & (np.arange(len(pressed)) < (lost[0] if len(lost) else len(pressed)))

@@ -164,7 +164,8 @@ def record(builder: DiagramBuilder, cell: GuidingCell, period: float) -> Recorde
     """Record, once a cycle, what the figures and the judgement need."""
     recorder = record_robot(builder, cell.cell, period)
     recorder.add("truth", cell.hands.GetOutputPort("truth"), "N, m, m/s")
-    recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
+    if cell.pipeline.skin is not None:
+        recorder.add("skin", cell.pipeline.skin.GetOutputPort("skin_reading"), "m, N", strongest_contact, 6)
     units = {
         "torque_commanded": "Nm", "priority": "GuidingPriority", "status": "GuidingStatus",
         "force": "N", "velocity_desired": "m/s", "acceleration_desired": "m/s²", "rank": "1",

@@ -52,8 +52,9 @@ class ManipulatorParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "d_min", "c")
-        if len(self.obstacles) and np.shape(self.obstacles)[1:] != (3,):
-            raise ParameterError("obstacles", f"needs points of three coordinates, got {self.obstacles}")
+        sizes = {np.shape(point) for point in self.obstacles}
+        if sizes - {(3,)} or not np.isfinite(self.obstacles).all():
+            raise ParameterError("obstacles", f"needs points of three finite coordinates, got {self.obstacles}")
 
 
 def points_along(robot: RobotModel, end_effector: str, d_min: float, c: float, count: int = 8) -> tuple[TestPoint, ...]:

@@ -49,7 +49,7 @@ class HandGuidingController(LeafSystem):
     Ports
     -----
     dynamics : abstract `DynamicsTerms`, of the measured state.
-    skin : abstract `SkinReading`.
+    skin : abstract `SkinReading`; optional: the end effector alone is guided.
     wrench_measured : 6 (Nm, N), moment and force of the person on the robot at the tip, world axes; NaN: not known.
     torque_commanded : n (Nm or N), for an arm that takes torques; NaN while the joint state is not known.
     acceleration_commanded : n (rad/s² or m/s²), q̈_c.
@@ -105,8 +105,10 @@ class HandGuidingController(LeafSystem):
     def _evaluate(self, context: Context) -> tuple[GuidingState, GuidingOutput]:
         state: GuidingState = context.get_abstract_state(int(self._memory)).get_value()
         terms: DynamicsTerms = self._dynamics.Eval(context)
-        reading: SkinReading = self._skin.Eval(context)
-        fresh = state.now - max(reading.stamp, 0.0) <= self._guiding.params.timeout
+        reading, fresh = SkinReading(), True
+        if self._skin.HasValue(context):
+            reading = self._skin.Eval(context)
+            fresh = state.now - max(reading.stamp, 0.0) <= self._guiding.params.timeout
         hands = sense(terms, reading, np.array(self._wrench.Eval(context)), self._guiding.tip, fresh)
         return self._guiding.step(state, terms, hands)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import Immutable
-from saphari_drake.parameters import require_choice, require_non_negative, require_positive
+from saphari_drake.parameters import require_choice, require_non_negative, require_positive, require_within
 
 
 class NmpcStatus(IntEnum):
@@ -108,9 +108,7 @@ class NmpcParameters:
         require_positive(self, "period", "barrier_guard", "slack_penalty", "velocity_scale", "acceleration_max")
         require_positive(self, "tolerance", "obstacle_timeout", "Q_v")
         require_non_negative(self, "Q_q", "R_q", "Q_e", "R_e", "r_O", "clearance_margin")
-        for name in ("horizon", "max_iterations"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, f"must be at least 1, got {getattr(self, name)}")
+        require_within(self, 1, 1000, "horizon", "max_iterations")
         if np.max(self.velocity_scale) > 1.0:
             raise ParameterError("velocity_scale", f"must not exceed 1, got {self.velocity_scale}")
         if not 0.0 <= self.ramp <= 1.0:

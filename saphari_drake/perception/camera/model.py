@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_choice, require_positive
+from saphari_drake.parameters import require_choice, require_positive, require_within
 
 
 @dataclass
@@ -42,7 +42,9 @@ class CameraParameters:
     renderer: str = "auto"
 
     def __post_init__(self) -> None:
-        require_positive(self, "width", "height", "focal_x", "focal_y", "near", "rate")
+        require_positive(self, "focal_x", "focal_y", "near")
+        require_within(self, 1, 8192, "width", "height")
+        require_within(self, 1e-3, 1000.0, "rate")
         require_choice(self, "renderer", ("auto", "raycast", "vtk"))
         if not self.near < self.far < np.inf:
             raise ParameterError("far", f"must be finite and above near ({self.near} m), got {self.far}")

@@ -111,7 +111,7 @@ class SpeedSeparation(LeafSystem):
         people, age = NOBODY, 0.0
         if self._people.HasValue(context):
             points = self._people.Eval(context)
-            age = max(context.get_time() - points.stamp, 0.0)
+            age = points.age(context.get_time())
             known = balls_of(points) if age <= self._params.people_timeout else None
             if known is None:
                 return _Output(0.0 * v, none, SeparationStatus.PEOPLE_LOST)

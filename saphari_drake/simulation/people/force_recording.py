@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saphari_drake.errors import ParameterError, SensorError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_non_negative, require_within
 from saphari_drake.simulation.people.force_files import runs_of
 
 Array = NDArray[np.float64]
@@ -57,6 +57,9 @@ class ForceRecording:
         return replace(self, force=force * (peak / largest)), peak / largest
 
 
+STRONGEST = 1000.0  # N; more than a person pushes with
+
+
 @dataclass
 class RecordingParameters:
     """Which recorded force is played, and how large."""
@@ -71,7 +74,7 @@ class RecordingParameters:
     peak: float = 15.0
 
     def __post_init__(self) -> None:
-        require_positive(self, "peak")
+        require_within(self, 1e-3, STRONGEST, "peak")
         require_non_negative(self, "index", "rate")
 
     def read(self, synthetic: Path) -> ForceRecording:

@@ -13,9 +13,10 @@ from saphari_drake.errors import ModelError, ParameterError
 from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.math.rotations import rotation_between
 from saphari_drake.messages import Immutable
-from saphari_drake.parameters import require_non_negative, require_positive, require_vector
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector, require_within
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.simulation.people.force_recording import STRONGEST
 from saphari_drake.simulation.people.hand_law import hand_wrench, retreat, travel
 from saphari_drake.simulation.world.hand import HandParameters
 
@@ -48,7 +49,8 @@ class Push:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive(self, "force", "hold")
+        require_positive(self, "hold")
+        require_within(self, 1e-3, STRONGEST, "force")
         require_non_negative(self, "start", "depth", "speed", "stiffness", "damping")
         require_vector(self, 3, "aim", "direction")
         if np.linalg.norm(self.direction) < 1e-9:

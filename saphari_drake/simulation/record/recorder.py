@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,8 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.log import RESERVED, Log
+
+_SINK = re.compile(r"log (.*) every (\S+) s")
 
 
 class ValueToVector(LeafSystem):
@@ -119,15 +122,29 @@ class Recorder:
         """
         if not self._sinks:
             raise ParameterError("recorder", "no port was added")
-        logs = {name: sink.FindLog(root_context) for name, (sink, *_) in self._sinks.items()}
-        # A forced publish logs at its own time; of samples with the same time the last one counts.
-        time, *others = [item.sample_times() for item in logs.values()]
-        if not all(np.array_equal(time, other) for other in others):
-            raise ParameterError("recorder", "the signals were logged at different times")
-        keep = np.append(np.diff(time) > 0.0, True) if time.size else np.zeros(0, dtype=bool)
-        result = Log(time[keep])
-        for name, (_, unit, extract) in self._sinks.items():
-            rows = logs[name].data().T[keep]
-            values = rows if extract is None else np.reshape([extract(row) for row in rows], (len(rows), -1))
-            result.add(name, values, unit)
-        return result
+        return _log({name: (sink.FindLog(root_context), *rest) for name, (sink, *rest) in self._sinks.items()})
+
+
+def recorded(diagram: Diagram, root_context: Context) -> Log:
+    """Return, of all that the recorders of a diagram hold, the largest part with one time axis, without units."""
+    groups: dict[str, dict[str, Any]] = {}
+    for system in diagram.GetSystems():
+        found = _SINK.fullmatch(system.get_name()) if isinstance(system, VectorLogSink) else None
+        if found:
+            groups.setdefault(found[2], {})[found[1]] = system.FindLog(root_context), "", None
+    return _log(max(groups.values(), key=len)) if groups else Log([])
+
+
+def _log(parts: dict[str, Any]) -> Log:
+    """What sinks hold, by name: each with its unit, and what turns its rows into values."""
+    # A forced publish logs at its own time; of samples with the same time the last one counts.
+    time, *others = [item.sample_times() for item, *_ in parts.values()]
+    if not all(np.array_equal(time, other) for other in others):
+        raise ParameterError("recorder", "the signals were logged at different times")
+    keep = np.append(np.diff(time) > 0.0, True) if time.size else np.zeros(0, dtype=bool)
+    result = Log(time[keep])
+    for name, (item, unit, extract) in parts.items():
+        rows = item.data().T[keep]
+        values = rows if extract is None else np.reshape([extract(row) for row in rows], (len(rows), -1))
+        result.add(name, values, unit)
+    return result

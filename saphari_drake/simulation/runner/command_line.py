@@ -23,7 +23,7 @@ def say(text: str) -> None:
 
 def complain(program: str, error: Exception, where: str = "") -> None:
     """Tell an error in one line on stderr."""
-    text = str(error)
+    text = "there is not enough memory for this" if isinstance(error, MemoryError) else str(error)
     if isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     print(f"{program}: error: {where}{' '.join(text.split())}", file=sys.stderr, flush=True)
@@ -32,6 +32,12 @@ def complain(program: str, error: Exception, where: str = "") -> None:
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise SaphariError(f"{message} (--help lists the options)")
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("needs a path, got ''")
+    return Path(text)
 
 
 def parser(program: str, summary: str, cases: Mapping[str, str], accepts_model: bool) -> argparse.ArgumentParser:
@@ -51,7 +57,8 @@ Every name in scenario.yaml can be set, nested ones with dots: --set controller.
 Order: the case's own values, then --scenario, then --seed, --duration, --plant and --model, then --set.
 Faults (--set faults=[NAME, ...], begin at --set fault_time=S, sizes in fault_sizes), where the case has the part:
 {listed()}
-Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timing figures (*_ms_*) never decide.""",
+Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used, 130 or 143 told to end by Ctrl-C or SIGTERM,
+which keeps the log so far. Timing figures (*_ms_*) never decide.""",
     )
     add = result.add_argument
     add("--case", action="append", metavar="NAME", help="case to run; may be repeated (default: all)")
@@ -59,14 +66,14 @@ Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used. Timin
     add("--seed", type=int, metavar="N", help="seed of everything random")
     add("--duration", type=float, metavar="S", help="simulated time (s)")
     add("--set", action="append", default=[], metavar="PATH=VALUE", help="set a parameter by its dotted name")
-    add("--scenario", type=Path, metavar="FILE.yaml", help="parameters, all or some; a case named there is run")
+    add("--scenario", type=_path, metavar="FILE.yaml", help="parameters, all or some; a case named there is run")
     model_help = "URDF or SDF of another robot" if accepts_model else "not accepted by this experiment"
-    add("--model", type=Path, metavar="FILE", help=model_help)
+    add("--model", type=_path, metavar="FILE", help=model_help)
     add("--plant", metavar="NAME", help="ideal (default), or realistic: friction, delay, noise and a model that is off")
-    add("--out", type=Path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
+    add("--out", type=_path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
     also: dict[str, Any] = {"action": "append_const", "dest": "also", "default": []}
     add("--mcap", const="mcap", help="write run.mcap too, for Foxglove or Rerun (extra 'mcap')", **also)
     add("--gif", const="gif", help="write replay.gif too, an animated picture", **also)
     add("--meshcat", action="store_true", help="live view in a browser; prints its address")
-    add("--graphviz", type=Path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")
+    add("--graphviz", type=_path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")
     return result

@@ -17,16 +17,18 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.simulation.faults.registry import require_faults
-from saphari_drake.simulation.record.files import atomic_path, write_text
+from saphari_drake.simulation.record.files import atomic_path, own_folder, write_text
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
-from saphari_drake.simulation.runner.results import Outcome, prepare_folder, table, write_outputs
+from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
+from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.mcap import require_mcap
 from saphari_drake.simulation.view.replay import start_meshcat
 
-PASSED, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+PASSED, MISSED, BAD_INPUT = 0, 1, 2
+LEAST_DURATION = 0.02  # s; some control cycles of every experiment
 
 
 @dataclass(frozen=True)
@@ -93,19 +95,23 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all bounds are met, 1 if some are missed, 2 for input that cannot be used (told in one line).
+        0 if all bounds are met, 1 if some are missed, 2 for input that cannot be used (told in one line), and 128 more
+        than the number of a signal that has ended it.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     try:
-        return _main(experiment, argv)
+        with STOP.heard():
+            return _main(experiment, argv)
     except (SaphariError, OSError) as error:
         complain(experiment.name, error)
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Exception) as error:  # a compiler that is interrupted fails in its own way
+        if not (STOP.signal or isinstance(error, KeyboardInterrupt)):
+            raise
         print(f"\n{experiment.name}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return STOP.status
 
 
 def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
@@ -132,11 +138,19 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
     for scenario in scenarios:
         folder = None if options.out is None else options.out / scenario.case
         try:
-            passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
+            with contextlib.nullcontext() if folder is None else own_folder(folder):
+                passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
             status = max(status, PASSED if passed else MISSED)
-        except (SaphariError, OSError) as error:
+        except (SaphariError, OSError, MemoryError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
             status = BAD_INPUT
+        except InterruptedRunError as stop:
+            kept = ""
+            if folder is not None:
+                stop.log.save(folder / "log.npz")
+                kept = f"; what was recorded so far is in {folder / 'log.npz'}"
+            print(f"{experiment.name}: case {scenario.case}: {stop} of {scenario.duration:g} s{kept}", file=sys.stderr)
+            return STOP.status
     if meshcat is not None and sys.stdin.isatty():
         with contextlib.suppress(EOFError):
             input("Press Enter to close the view. ")
@@ -147,16 +161,16 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     """Run one case, print its table and write its files; return whether it passed."""
     if folder is not None:
         prepare_folder(folder, scenario)
-    if sys.stderr.isatty():
-        print(f"{scenario.case}: building (the first time compiles kernels, about a minute)", file=sys.stderr)
     tree = to_tree(scenario)
-    outcome = experiment.outcome(scenario, options)
+    shortened = scenario.duration < experiment.scenario_for(scenario.case).duration
+    outcome = judged_so_far(experiment.outcome(scenario, options), shortened)
     word = "pass" if outcome.passed else "FAIL"
     heading = f"{experiment.name} / {scenario.case}: {experiment.described(scenario.case)}"
     if getattr(scenario, "plant", "ideal") != "ideal":
         heading += f"\nplant: {scenario.plant}"
     if getattr(scenario, "faults", []):
         heading += f"\nfaults: {', '.join(scenario.faults)}"
+    word += f" (not judged: {outcome.note})" if outcome.note else ""
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
         write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
@@ -191,8 +205,8 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         scenario = with_assignments(merged(scenario, given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
-        if not (math.isfinite(scenario.duration) and scenario.duration > 0.0):
-            raise ParameterError("duration", f"must be positive and finite, got {scenario.duration}")
+        if not LEAST_DURATION <= scenario.duration < math.inf:
+            raise ParameterError("duration", f"must be finite and at least {LEAST_DURATION} s, got {scenario.duration}")
         if scenario.seed < 0:
             raise ParameterError("seed", f"must not be negative, got {scenario.seed}")
         require_faults(getattr(scenario, "faults", []), experiment.parts(case))
@@ -204,9 +218,11 @@ def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
     """Write the block diagram of a scenario as Graphviz text, or as an image if the suffix names one."""
     if experiment.build_diagram is None:
         raise ParameterError("--graphviz", "this experiment has no block diagram")
-    text = experiment.build_diagram(scenario).GetGraphvizString()
     kind = path.suffix.lower().lstrip(".")
-    if kind not in ("svg", "png", "pdf"):
+    if kind not in ("dot", "gv", "svg", "png", "pdf"):
+        raise ParameterError("--graphviz", f"writes .dot, .gv, .svg, .png or .pdf, not '{path.name}'")
+    text = experiment.build_diagram(scenario).GetGraphvizString()
+    if kind in ("dot", "gv"):
         write_text(path, text)
         return
     dot = shutil.which("dot")

@@ -6,7 +6,7 @@ import json
 import platform
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from pydrake.common.yaml import yaml_dump_typed
 
 import saphari_drake
-from saphari_drake.errors import ParameterError
+from saphari_drake.errors import ParameterError, SaphariError
 from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.mcap import McapFile
@@ -88,6 +88,8 @@ class Outcome:
         Writes the replay to the path, or to the open `McapFile`, that it is given; called only if files are written.
     files : mapping from str to str
         Text of other files, by their names.
+    note : str
+        What is not judged, and why.
     """
 
     metrics: Sequence[Metric]
@@ -95,6 +97,7 @@ class Outcome:
     draw: Callable[[], Figure]
     replay: Callable[[Any], None] | None = None
     files: Mapping[str, str] = field(default_factory=dict)
+    note: str = ""
 
     def __post_init__(self) -> None:
         names = [metric.name for metric in self.metrics]
@@ -106,6 +109,18 @@ class Outcome:
     def passed(self) -> bool:
         """Whether every metric that decides meets its bounds."""
         return all(metric.met for metric in self.metrics if metric.decides)
+
+
+class NothingToJudgeError(SaphariError):
+    """A run ended before anything happened that is judged."""
+
+
+def judged_so_far(outcome: Outcome, shortened: bool) -> Outcome:
+    """Return an outcome without metrics that a shortened run did not come to, which are NaN: its note names them."""
+    missing = [metric.name for metric in outcome.metrics if shortened and np.isnan(metric.value)]
+    kept = [metric for metric in outcome.metrics if metric.name not in missing]
+    notes = [outcome.note, f"the run ended before: {', '.join(missing)}" if missing else ""]
+    return replace(outcome, metrics=kept, note="; ".join(note for note in notes if note))
 
 
 def bound_text(low: float, high: float) -> str:
@@ -159,6 +174,7 @@ def metrics_document(outcome: Outcome, scenario_tree: dict[str, Any], seed_matte
         "scenario": scenario_tree,
         "versions": versions(),
         "seed_matters": seed_matters,
+        "files": sorted(outcome.files),
     }
     return _finite(document)
 
@@ -173,10 +189,18 @@ def _finite(value: Any) -> Any:
 
 def prepare_folder(folder: Path, scenario: Any) -> None:
     """Write scenario.yaml and remove the results of an earlier run, so that they cannot pass for those of this one."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in RESULTS:
+    for name in (*_more_files(folder), *RESULTS):
         (folder / name).unlink(missing_ok=True)
     write_text(folder / "scenario.yaml", yaml_dump_typed(scenario))
+
+
+def _more_files(folder: Path) -> list[str]:
+    """Names of the files that the run before has written beside those of every run."""
+    try:
+        names = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["files"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [name for name in names if isinstance(name, str) and Path(name).name == name]
 
 
 def write_outputs(

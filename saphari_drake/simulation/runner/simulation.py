@@ -13,7 +13,8 @@ from pydrake.systems.framework import Context, Diagram
 
 from saphari_drake.simulation.faults.watch import Answer, answer
 from saphari_drake.simulation.record.log import Log
-from saphari_drake.simulation.record.recorder import Recorder
+from saphari_drake.simulation.record.recorder import Recorder, recorded
+from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
 
 CHUNK = 0.1  # simulated time between two looks at the clock (s)
 
@@ -92,19 +93,29 @@ def advance(simulator: Simulator, duration: float, label: str = "") -> float:
     -------
     float
         Wall time it took (s).
+
+    Raises
+    ------
+    InterruptedRunError
+        If the process is told to end meanwhile; it holds what was recorded so far.
     """
     start, wall_start, shown = simulator.get_context().get_time(), time.perf_counter(), -math.inf
     terminal = sys.stderr.isatty()
     steps = max(1, math.ceil(duration / CHUNK - 1e-9))
+    STOP.advancing = True
     try:
         for step in range(1, steps + 1):
             simulator.AdvanceTo(start + duration * step / steps)
+            if STOP.signal:
+                context = simulator.get_context()
+                raise InterruptedRunError(recorded(simulator.get_system(), context), context.get_time())
             wall, done = time.perf_counter() - wall_start, duration * step / steps
             if terminal and (wall - shown > 0.1 or step == steps):
                 shown = wall
                 text = f"{label} {done:.1f} s of {duration:g} s, {step / steps:4.0%}, {done / wall:.2f} × real time"
                 print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
     finally:
+        STOP.advancing = False
         if terminal and shown >= 0.0:
             print(file=sys.stderr, flush=True)
     return time.perf_counter() - wall_start

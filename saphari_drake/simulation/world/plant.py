@@ -18,7 +18,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains, Spatia
 from pydrake.systems.framework import DiagramBuilder, InputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
-from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_positive
+from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_within
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.profile import Truth, joint_scale
 from saphari_drake.simulation.world.true_model import PAYLOAD_HEIGHT, PAYLOAD_RADIUS
@@ -54,7 +54,7 @@ class PlantParameters:
     payload: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive(self, "time_step")
+        require_within(self, 1e-5, 0.1, "time_step")
         require_non_negative(self, "friction_share", "payload")
         require_choice(self, "contact_model", ("point", "hydroelastic", "hydroelastic_with_fallback"))
 

@@ -56,6 +56,17 @@ def test_it_starts_where_the_arm_is_and_carries_it(bench, lwr4):
     assert bench.read("status") == GuidingStatus.HOLD
 
 
+def test_without_a_skin_the_tip_is_guided(lwr4):
+    """The port is left open; as long as it lasts."""
+    controller = HandGuidingController(lwr4, HandGuidingParameters(period=PERIOD))
+    terms = evaluate_dynamics(lwr4, HOME, np.zeros(7))
+    bench = Bench(controller, dynamics=terms, wrench_measured=STILL)
+    bench.run(40)
+    assert bench.read("status") == GuidingStatus.HOLD
+    bench.run(20, wrench_measured=PULLED)
+    assert (bench.read("status"), bench.read("priority")) == (GuidingStatus.GUIDED, GuidingPriority.END_EFFECTOR)
+
+
 def test_forces_are_answered_in_the_torque_and_told(bench, lwr4):
     """At the onset of a touch from rest: τ = g − J_eᵀF_e − J_bᵀF_b, and priority and status say who leads."""
     lead(bench, 1, skin=True)

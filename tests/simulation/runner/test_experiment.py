@@ -77,6 +77,8 @@ def build(scenario):
 
 def run(scenario, options):
     assert isinstance(options, RunOptions)
+    if scenario.defect == "memory":
+        raise MemoryError
     if scenario.defect == "sensor":
         raise SensorError("the camera\nis gone")
     diagram, recorder = build(scenario)
@@ -249,13 +251,19 @@ def test_help_shows_examples(capsys):
         (["--set", "controller=!Damper {strength: strong}"], ["controller.strength: needs", "got 'strong'"]),
         (["--set", "case=stiff"], ["choose it with --case"]),
         (["--set", "seed"], ["needs PATH=VALUE"]),
-        (["--duration", "0"], ["duration: must be positive"]),
-        (["--duration", "nan"], ["duration: must be positive"]),
+        (["--duration", "0"], ["duration: must be finite and at least 0.02 s"]),
+        (["--duration", "1e-9"], ["duration: must be finite and at least 0.02 s"]),
+        (["--duration", "nan"], ["duration: must be finite"]),
+        (["--duration", "inf"], ["duration: must be finite"]),
         (["--duration", "soon"], ["--duration", "soon"]),
         (["--seed", "-1"], ["seed: must not be negative"]),
         (["--scenario", "missing.yaml"], ["missing.yaml: No such file"]),
         (["--model", "x.urdf"], ["--model", "own robot"]),
         (["--frobnicate"], ["--frobnicate"]),
+        (["--out", ""], ["--out: needs a path"]),
+        (["--graphviz", "x.foo"], ["--graphviz", "writes .dot, .gv, .svg, .png or .pdf, not 'x.foo'"]),
+        (["--set", "parts=[{stiffness: 1, foo: 3}]"], ["no parameter 'parts[0].foo'", "parts[0].damping"]),
+        (["--set", "parts=[1]"], ["parts[0]: holds parameters of its own"]),
     ],
 )
 def test_bad_input_gives_2_and_one_line(arguments, said, capsys, tmp_path):
@@ -349,6 +357,19 @@ def test_results_of_an_earlier_run_do_not_outlive_a_failed_one(tmp_path):
     assert main(toy(), [*arguments, "--set", "defect=sensor"]) == 2
     assert [path.name for path in (tmp_path / "soft").iterdir()] == ["scenario.yaml"]
     assert "defect: sensor" in (tmp_path / "soft" / "scenario.yaml").read_text()
+
+
+def test_a_shortened_run_judges_what_it_came_to(capsys):
+    """What it did not come to is NaN, and named; in a run of full length it misses."""
+    assert main(toy(), ["--case", "soft", "--set", "defect=nan", "--duration", "0.3"]) == 0
+    told = capsys.readouterr().out
+    assert "soft: pass (not judged: the run ended before: peak_m)" in told and "nan" not in told
+    assert main(toy(), ["--case", "soft", "--set", "defect=nan"]) == 1
+
+
+def test_too_little_memory_is_told(capsys):
+    assert main(toy(), ["--case", "soft", "--set", "defect=memory"]) == 2
+    assert "case soft: there is not enough memory" in one_error_line(capsys)
 
 
 def test_reader_that_goes_away_does_not_end_the_run(tmp_path):
