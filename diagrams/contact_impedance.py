@@ -23,7 +23,7 @@ from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
-from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
+from saphari_drake.simulation.view.figures import DARK, Line, Panel, Shade, intervals, time_panels
 
 CASES = {
     "natural": "natural contact inertia, eq. (57); pushes on links 4, 5 and 6",
@@ -109,7 +109,7 @@ def figure(setup: ContactSetup, log: Log) -> Figure:
     """Return the figure laid out as Fig. 12 or 13 of the deliverable."""
     axes = "XYZ"
     force = [Line("contact_force", i, f"F̂ {axes[i]}") for i in range(3)]
-    truth = [Line("contact_truth", i, f"F {axes[i]} (true)", "black", ":") for i in range(3)]
+    truth = [Line("contact_truth", i, f"F {axes[i]} (true)", DARK[i], ":") for i in range(3)]
     number = "13" if setup.scenario.case == "modified" else "12"
     return time_panels(
         log,

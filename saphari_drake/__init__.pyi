@@ -1,3 +1,6 @@
+from .robots.attached import ModelOptions as ModelOptions
+from .robots.attached import Payload as Payload
+from .robots.attached import Tool as Tool
 from .robots.catalog import load as load
 from .robots.catalog import lwr4 as lwr4
 from .robots.catalog import omnirob as omnirob

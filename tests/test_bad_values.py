@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from bench import Bench
+from experiments.nmpc.manipulator import ManipulatorParameters
 
-from saphari_drake import evaluate_dynamics, planar_6r
+from saphari_drake import RobotCorrections, evaluate_dynamics, planar_6r
 from saphari_drake.control import (
     ContactForceController,
     ContactImpedanceController,
     HandGuidingController,
+    HandGuidingParameters,
     JointVelocityServo,
     NmpcController,
     NullSpaceComplianceController,
@@ -30,9 +32,15 @@ from saphari_drake.messages import (
     SkinReading,
     SystemStatus,
 )
+from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator
+from saphari_drake.pipelines import HandGuidingPipelineParameters
 from saphari_drake.safety import CommandSwitch, ContactMonitor, VerifiedStop
 from saphari_drake.safety.verified_stop.law import StopStatus
+from saphari_drake.simulation.people.pushing_hand import Push
+from saphari_drake.simulation.people.recorded_push import RecordedPushParameters
+from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.systems import cycle
 
 NAN, ZERO = np.full(3, np.nan), np.zeros(3)
 BAD_POINTS = {
@@ -209,6 +217,30 @@ def test_what_is_no_rotation_is_told(lwr4, nmpc, R):
 def test_components_that_the_robot_does_not_have(lwr4, component):
     with pytest.raises(ParameterError, match=r"levels: .* has no link \d|levels: .* has no link -1, or no"):
         PriorityStack(lwr4, [ScalarTask(component)])
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (lambda: NmpcParameters(horizon=100000), "horizon: must lie in 1 … 1000"),
+        (lambda: RecordedPushParameters(peak=1e6), "peak: must lie in 0.001 … 1000"),
+        (lambda: Push(force=np.nan), "force: must lie in"),
+        (lambda: CameraParameters(width=1000000), "width: must lie in 1 … 8192"),
+        (lambda: CameraParameters(rate=1e9), "rate: must lie in"),
+        (lambda: PlantParameters(time_step=1e-9), "time_step: must lie in"),
+        (lambda: cycle(1e-9), "period: must be at least"),
+        (lambda: RobotCorrections.read("none.yaml"), "identified: no file 'none.yaml'"),
+        (lambda: ManipulatorParameters(obstacles=[[np.nan, 0.0, 0.0]]), "obstacles: needs points of three finite"),
+        (lambda: ManipulatorParameters(obstacles=[[0.0, 0.0, 0.0], [0.0]]), "obstacles: needs points of three finite"),
+        (
+            lambda: HandGuidingPipelineParameters(controller=HandGuidingParameters(period=0.004)),
+            "controller.period: is",
+        ),
+    ],
+)
+def test_numbers_that_no_run_would_end_with(made, message):
+    with pytest.raises(ParameterError, match=message):
+        made()
 
 
 @pytest.mark.parametrize("axes", ["xq", "", "0"])

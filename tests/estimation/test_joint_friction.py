@@ -47,6 +47,22 @@ def test_the_observer_sees_a_touch_behind_known_friction(lwr4):
     np.testing.assert_allclose(bench.read("torque_external"), hand, atol=0.01)
 
 
+def test_damping_of_the_model_file_is_no_touch(load_arm):
+    """An arm with 2 to 10 Nms/rad moves at a constant speed; what was identified replaces it."""
+    xarm, v = load_arm("xarm7"), np.full(7, 0.2)
+    terms = evaluate_dynamics(xarm, xarm.home, v)
+    assert xarm.viscous.min() >= 2.0
+    for friction, expected in (
+        (JointFrictionParameters(), np.zeros(7)),
+        (JointFrictionParameters(viscous=0.0), -xarm.viscous * v),
+        (JointFrictionParameters(viscous=(xarm.viscous + 1.0).tolist()), v),
+    ):
+        observer = MomentumObserver(xarm, MomentumObserverParameters(friction=friction))
+        bench = Bench(observer, dynamics=terms, torque_applied=terms.g - terms.CTv + xarm.viscous * v)
+        bench.run(round(1.0 / PERIOD))
+        np.testing.assert_allclose(bench.read("torque_external"), expected, atol=1e-3)
+
+
 @pytest.mark.parametrize(("name", "value"), [("coulomb", -1.0), ("viscous", np.nan), ("turn", 0.0)])
 def test_bad_parameters(name, value):
     with pytest.raises(ParameterError, match=name):

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
 
 from experiments.guiding.judge import true_force, true_velocity
 from experiments.guiding.run import GuidingRun
 from saphari_drake.control.hand_guiding.touch import GuidingPriority
+from saphari_drake.perception.skin.layout import SkinLayout
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
-from saphari_drake.simulation.view.figures import Line, Panel, Shade, intervals, time_panels
+from saphari_drake.simulation.view.figures import DARK, Line, Panel, Shade, intervals, time_panels
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
+from saphari_drake.simulation.world.cell import Body, add_cell
 
 Array = NDArray[np.float64]
 BLUE, ORANGE = (0.0, 0.25, 0.80), (0.84, 0.37, 0.0)
+HAND, COPPER = (0.89, 0.71, 0.58), np.array([0.72, 0.45, 0.20, 1.0])
 SCALE = 0.02  # m/N
 
 
@@ -33,7 +42,7 @@ def forces_and_velocities(run: GuidingRun, alone: GuidingRun, title: str) -> Fig
     def velocity(name: str) -> list[Line | str]:
         if name != main:
             return [Line(name)]
-        rest = [Line(f"{name} alone", i, f"{axis} alone", "black", ":") for i, axis in enumerate("XYZ")]
+        rest = [Line(f"{name} alone", i, f"{axis} alone", DARK[i], ":") for i, axis in enumerate("XYZ")]
         return [Line(name), *rest]
 
     priority = run.log["priority"][:, 0]
@@ -50,8 +59,22 @@ def forces_and_velocities(run: GuidingRun, alone: GuidingRun, title: str) -> Fig
     return time_panels(log, panels, title, shades)
 
 
+@dataclass(frozen=True)
+class SkinPatch(Body):
+    """The modules of a skin, to be seen alone."""
+
+    layout: SkinLayout
+
+    def add_to(self, plant: MultibodyPlant, robot: RobotModel) -> None:
+        """Add a thin plate for each."""
+        body, side = plant.GetBodyByName(robot.link_names[self.layout.link]), 0.85 * self.layout.params.pitch
+        for k, (R, p) in enumerate(zip(self.layout.R_LM, self.layout.p_LM)):
+            X_LM = RigidTransform(RotationMatrix(R), p)
+            plant.RegisterVisualGeometry(body, X_LM, Box(side, side, 0.004), f"module_{k}", COPPER)
+
+
 def replay(run: GuidingRun, path: Path, title: str) -> None:
-    """Write the run as a page that plays offline: arm, skin, true forces, and forces as measured on the skin."""
+    """Write the run as a page that plays offline: arm, skin, the hands (a ball each) and their forces."""
     setup, log = run.setup, run.log
 
     overlays: list[Arrow | Marker] = []
@@ -60,11 +83,18 @@ def replay(run: GuidingRun, path: Path, title: str) -> None:
         force = true_force(run, hand)
         # A hand at the body presses: the arrow ends at the point. One at the end effector pulls as well.
         tail = point - SCALE * force if hand else point
-        touched = np.linalg.norm(force, axis=1) > 0.1
+        size = np.maximum(np.linalg.norm(force, axis=1), 1e-9)
+        touched = size > 0.1
         overlays += [
             Arrow(f"force on the {name}", tail, force, SCALE, color, touched),
             Marker(f"point on the {name}", point, 0.012, color),
+            Marker(f"hand on the {name}", point - 0.045 * force / size[:, None], 0.04, HAND, touched),
         ]
     target = log["truth"][0, 3:6] * np.array([0.5, 0.5, 1.0])
     camera = (target + np.array([1.0, 1.0, 0.5]), target)
-    write_replay(path, setup.cell.cell.copy_to, log.time, log["position"], overlays, camera=camera, title=title)
+    cell, skin = setup.cell.cell, SkinPatch(SkinLayout(setup.robot, setup.scenario.system.skin_layout))
+
+    def build(builder: DiagramBuilder) -> MultibodyPlant:
+        return add_cell(builder, cell.robot, [*cell.bodies, skin], cell.params).plant
+
+    write_replay(path, build, log.time, log["position"], overlays, camera=camera, title=title)

@@ -69,6 +69,10 @@ def manipulator_figure(run: NmpcRun, title: str) -> Figure:
     for column, (row, name) in enumerate(((0, "start"), (len(log.time) - 1, "end"))):
         _posture_view(axes[0, column], run, (0, 2), [row])
         axes[0, column].set_title(f"{name.capitalize()}, from the side (Fig. 1)", loc="left")
+    for name in ("x", "y"):  # start and end on the same axes
+        limits = np.array([getattr(ax, f"get_{name}lim")() for ax in axes[0, :2]])
+        for ax in axes[0, :2]:
+            getattr(ax, f"set_{name}lim")(limits[:, 0].min(), limits[:, 1].max())
     _posture_view(axes[0, 2], run, (1, 2), [len(log.time) - 1])
     axes[0, 2].set_title("End, from the front", loc="left")
     axes[1, 0].semilogy(log.time, np.maximum(log["position_error"][:, 0], 1e-7), color=BLUE, label="position [m]")

@@ -53,7 +53,7 @@ class ManipulatorParameters:
     def __post_init__(self) -> None:
         require_positive(self, "d_min", "c")
         sizes = {np.shape(point) for point in self.obstacles}
-        if sizes - {(3,)} or not np.isfinite(self.obstacles).all():
+        if sizes - {(3,)} or not all(np.isfinite(point).all() for point in self.obstacles):
             raise ParameterError("obstacles", f"needs points of three finite coordinates, got {self.obstacles}")
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
 
 from experiments.priority.planar import PlanarCell
 from experiments.priority.three_level_build import ThreeLevelCell
@@ -17,11 +21,12 @@ from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import CYCLE, Line, Panel, blank, draw_panel, time_panels
 from saphari_drake.simulation.view.overlays import Marker
 from saphari_drake.simulation.view.replay import write_replay
-from saphari_drake.simulation.world.cell import add_cell
+from saphari_drake.simulation.world.cell import Body, add_cell
 
 Array = NDArray[np.float64]
 BLUE, RED, MAGENTA = CYCLE[0], CYCLE[1], CYCLE[3]
 PERSON = (0.0, 0.25, 0.80)
+_BOUND = np.array([0.80, 0.47, 0.65, 1.0])
 
 
 def planar_figure(cell: PlanarCell, log: Log, title: str) -> Figure:
@@ -82,6 +87,19 @@ def _joints(robot: RobotModel, q: Array) -> Array:
     return np.vstack([terms.p_WL, terms.p_WL[link] + terms.R_WL[link] @ X_LF.translation()])
 
 
+@dataclass(frozen=True)
+class Bounds(Body):
+    """Bounds of y as lines in the plane z = 0."""
+
+    y: tuple[float, ...]  # m
+
+    def add_to(self, plant: MultibodyPlant, robot: RobotModel) -> None:
+        """Add the lines, to be seen alone."""
+        for k, y in enumerate(self.y):
+            X_WL = RigidTransform([2.5, y, -0.1])
+            plant.RegisterVisualGeometry(plant.world_body(), X_WL, Box(8.0, 0.04, 0.01), f"bound_{k}", _BOUND)
+
+
 def planar_replay(cell: PlanarCell, log: Log, path: Path, title: str) -> None:
     """Write the run as a page that plays offline."""
     rows = slice(None, None, 4)
@@ -90,10 +108,11 @@ def planar_replay(cell: PlanarCell, log: Log, path: Path, title: str) -> None:
         Marker(f"goal {i + 1}", np.array([*goal, 0.0]), 0.1, (0.84, 0.37, 0.0))
         for i, goal in enumerate(cell.params.goals)
     ]
+    bounds = [bound.upper if sign > 0 else bound.lower for bound, sign in cell.controller.stack.sides]
     view = ((2.5, 0.0, 11.0), (2.5, 0.1, 0.0))
     write_replay(
         path,
-        lambda builder: add_cell(builder, cell.robot).plant,
+        lambda builder: add_cell(builder, cell.robot, [Bounds(tuple(bounds))]).plant,
         log.time[rows],
         log["position"][rows],
         goals,

@@ -18,6 +18,7 @@ from saphari_drake.simulation.record.log import Log
 # Colours that stay apart for every common kind of colour blindness (Okabe and Ito).
 X, Y, Z = "#D55E00", "#009E73", "#0072B2"
 XYZ = (X, Y, Z)
+DARK = ("#6E3000", "#00402F", "#002A45")  # X, Y, Z of what is drawn dotted over them
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 BOUND, SHADE = "#666666", "#BBBBBB"
 

@@ -23,6 +23,7 @@ from pydrake.systems.framework import DiagramBuilder
 from saphari_drake.errors import ParameterError
 from saphari_drake.simulation.record.files import write_text
 from saphari_drake.simulation.view.animation import write_animation
+from saphari_drake.simulation.view.framing import framed
 from saphari_drake.simulation.view.mcap import McapFile
 from saphari_drake.simulation.view.overlays import Arrow, Marker, record_overlay, rows_at
 
@@ -60,7 +61,7 @@ def write_replay(
     fps : float
         Frames a second.
     camera : (2, 3) array
-        Where the viewer stands and the point looked at, in the world (m).
+        Where the viewer stands and the point looked at, in the world (m); of the page the direction alone: `framed`.
     title : str
         Text shown at the top of the page.
 
@@ -100,8 +101,8 @@ def write_replay(
     animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
     animation.set_repetitions(100000)
     meshcat.PublishRecording()
-    eye, target = np.asarray(camera, dtype=float).reshape(2, 3)
-    meshcat.SetCameraPose(eye, target)
+    markers = [item.position for item in overlays if isinstance(item, Marker) and item.visible is None]
+    meshcat.SetCameraPose(*framed(plant, frames, camera, markers))
     write_text(path, _with_title(meshcat.StaticHtml(), title))
 
 
@@ -166,8 +167,8 @@ def _with_title(page: str, title: str) -> str:
         return page
     text = html.escape(title)
     style = (
-        "position:fixed;top:0.6em;left:0;right:0;text-align:center;pointer-events:none;z-index:10;"
-        "font:16px sans-serif;color:#222"
+        "position:fixed;top:0.6em;left:0.8em;right:270px;pointer-events:none;z-index:10;font:16px sans-serif;"
+        "color:#222;text-shadow:0 0 4px #fff,0 0 4px #fff"
     )
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{text}</title>", 1)
     head, body, rest = page.rpartition("</body>")
