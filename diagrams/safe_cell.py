@@ -8,6 +8,7 @@ import sys
 
 from experiments.cell.build import build_cell
 from experiments.cell.figures import cell_figure, cell_replay
+from experiments.cell.functions import safety_functions
 from experiments.cell.run import metrics_of, simulate
 from experiments.cell.scenario import CellScenario
 from pydrake.systems.framework import Diagram
@@ -17,12 +18,17 @@ from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
+# N, N and Nm; what of a platform of 250 kg counts as a touch. Assumed.
+PLATFORM_THRESHOLD = (60.0, 60.0, 30.0)
 CASES = {"fixed": "a LWR4 on a fixed base", "mobile": "the omniRob with its arm"}
 
 
 def scenario_for(case: str) -> CellScenario:
     """Return the scenario of a case."""
-    return CellScenario(case=case, robot="lwr4" if case == "fixed" else "omnirob")
+    scenario = CellScenario(case=case, robot="lwr4" if case == "fixed" else "omnirob")
+    if case == "mobile":
+        scenario.pipeline.detector.threshold = [*PLATFORM_THRESHOLD, *[1.5] * 7]
+    return scenario
 
 
 def build_diagram(scenario: CellScenario) -> Diagram:
@@ -44,6 +50,7 @@ def run(scenario: CellScenario, options: RunOptions) -> Outcome:
         first.slow,
         lambda: cell_figure(first, title),
         lambda path: cell_replay(first, path, title),
+        {"safety_functions.md": safety_functions([run for run in runs if run.way == first.way])},
     )
 
 

@@ -28,12 +28,13 @@ from saphari_drake.safety.speed_separation.system import SpeedSeparation
 from saphari_drake.safety.supervisor.system import Supervisor, TorqueChoice
 from saphari_drake.systems import connect
 
-# Statuses that are faults, by the names of the supervisor's reasons.
+# Statuses that are faults, by the names of the supervisor's reasons. A camera that sees too little is none: people are
+# lost then, and the robot waits.
 BROKEN = {
-    "camera": (CameraStatus.STALE, CameraStatus.INVALID),
+    "camera": (CameraStatus.STALE,),
     "skin": (SkinStatus.LOST,),
     "joint state": (SystemStatus.BRAKES_ON,),
-    "controller": (NmpcStatus.BAD_INPUT, NmpcStatus.OBSTACLES_LOST, NmpcStatus.UNSOLVED),
+    "controller": (NmpcStatus.BAD_INPUT, NmpcStatus.UNSOLVED),
     "joint envelope": (EnvelopeStatus.BRAKING, EnvelopeStatus.BAD_INPUT),
 }
 

@@ -67,7 +67,9 @@ class SafeCellParameters:
     wrist: WristWrenchParameters = field(default_factory=WristWrenchParameters)
     guiding: HandGuidingParameters = field(default_factory=HandGuidingParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
-    envelope: JointEnvelopeParameters = field(default_factory=JointEnvelopeParameters)
+    # Its torque rate is that of drives with a servo of their own: with 1000 Nm/s, that of a torque interface, a stop at
+    # full braking swings about rest. Assumed.
+    envelope: JointEnvelopeParameters = field(default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4))
     # Of the job's velocity, at the robot's own rate.
     velocity_envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, integral_gain=2500.0))

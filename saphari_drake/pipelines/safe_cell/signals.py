@@ -1,7 +1,5 @@
 """Small systems between the methods of the safe cell: who holds the robot, what is broken, how fast it may go."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

@@ -4,7 +4,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import surface_point
@@ -13,7 +12,6 @@ from saphari_drake.safety.nearness import bounding_radius, nearest_possible, pai
 from saphari_drake.safety.power_force.parameters import Walls
 from saphari_drake.safety.power_force.regions import Limits
 
-Array = NDArray[np.float64]
 _STEP = 0.02  # m, between the points that are looked at behind a person
 
 
@@ -138,9 +136,11 @@ def contact_scale(surface, motion, M, v, people, head, rule):
             closing = np.sum(row * v)
             if closing <= rule.still:
                 continue
+            robot = effective_mass(L, row)
+            if not head[o] and closing <= worst * permitted_speed(rule.limits, robot, True)[0]:
+                continue  # no worse than another, clamped or not
             thickness = min(2.0 * people.radius[o] + max(away - people.radius[o], 0.0), rule.thickest)
             clamped = is_clamped(surface, poses, s, p_WN, u, thickness, rule)
-            robot = effective_mass(L, row)
             speed, limit, mass = permitted_speed(rule.limits, robot, clamped)
             if head[o]:
                 speed, limit = 0.0, 0.0
@@ -151,14 +151,20 @@ def contact_scale(surface, motion, M, v, people, head, rule):
     return best
 
 
-def heads(p: Array, radius: Array, height: float, width: float) -> NDArray[np.bool_]:
+@njit(cache=True)
+def heads(p, radius, height, width):
     """Return which balls (m,) belong to the top `height` (m) of the person that they are part of.
 
     Balls within `width` (m) of one another, horizontally, are the same person's. A raised hand counts as head too.
     """
-    if height == 0.0 or len(p) == 0:
-        return np.zeros(len(p), dtype=bool)
-    apart = np.linalg.norm(p[:, None, :2] - p[None, :, :2], axis=2)
-    top = p[:, 2] + radius
-    highest = np.where(apart <= width, top[None], -np.inf).max(axis=1)
-    return np.asarray(top > highest - height)
+    count = p.shape[0]
+    found = np.zeros(count, dtype=np.bool_)
+    if height == 0.0:
+        return found
+    for i in range(count):
+        highest = -np.inf
+        for j in range(count):
+            if (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 <= width * width:
+                highest = max(highest, p[j, 2] + radius[j])
+        found[i] = p[i, 2] + radius[i] > highest - height
+    return found

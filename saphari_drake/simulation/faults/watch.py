@@ -13,6 +13,7 @@ from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.messages import InteractionMode, SystemStatus
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus
+from saphari_drake.safety.supervisor.law import CellState
 from saphari_drake.safety.velocity_envelope.law import VelocityStatus
 from saphari_drake.safety.verified_stop.law import StopStatus
 from saphari_drake.simulation.faults.signals import SignalFault
@@ -36,6 +37,7 @@ SAFE: dict[tuple[str, str], tuple[int, ...]] = {
         StopStatus.STOPPING, StopStatus.BAD_INPUT, StopStatus.STALE, StopStatus.OBSTACLES_LOST,
     ),
     ("JointEnvelope", "status"): (EnvelopeStatus.BRAKING, EnvelopeStatus.BAD_INPUT),
+    ("Supervisor", "state"): (CellState.FAULT,),
 }  # fmt: skip
 
 

@@ -1,7 +1,5 @@
 """People in a cell who move by themselves, are seen by cameras, and give way where they are touched."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

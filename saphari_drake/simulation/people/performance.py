@@ -1,7 +1,5 @@
 """What a person does in a cell: a recording played there, or a made-up way with a hand that reaches."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

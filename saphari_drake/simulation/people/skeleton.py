@@ -1,7 +1,5 @@
 """A person as capsules on a skeleton: which there are, how large, and what region of the body each is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

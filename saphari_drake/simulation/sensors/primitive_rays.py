@@ -42,6 +42,16 @@ def draw(depth, kind, size, R_CS, p_CS, left, right, x, y):
 
 
 @njit(cache=True)
+def within(depth, near, far):
+    """Set what is nearer than `near` (m) to 0, and what is beyond `far` to +inf."""
+    for r in range(depth.shape[0]):
+        row = depth[r]
+        for c in range(len(row)):
+            z = row[c]
+            row[c] = np.inf if z > far else (0.0 if z < near else z)
+
+
+@njit(cache=True)
 def _entry(kind, size, o, d):
     """Return the least t at which o + t d enters a shape, +inf if it never does."""
     if kind == CAPSULE:

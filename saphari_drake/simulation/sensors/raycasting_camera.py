@@ -33,7 +33,7 @@ from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bo
 from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, pinhole
 from saphari_drake.perception.camera.open3d_import import import_open3d
 from saphari_drake.perception.segmentation.regions import region_near
-from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
+from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw, within
 
 Depth = NDArray[np.float32]
 Triangles = tuple[NDArray[np.float32], NDArray[np.uint32]]  # vertices (m, in the shape's frame), and rows of three
@@ -81,7 +81,8 @@ class RaycastingDepthCamera(LeafSystem):
         anchored: Mapping[FrameId, RigidTransform] = MappingProxyType({}),
     ) -> None:
         super().__init__()
-        self._near, self._far, self._X_CW = params.near, params.far, camera_pose(params).inverse()
+        self._near, self._far = np.float32(params.near), np.float32(params.far)
+        self._X_CW = camera_pose(params).inverse()
         X_WF = {inspector.world_frame_id(): RigidTransform(), **anchored}
         self._moving: list[GeometryId] = []
         fixed: dict[GeometryId, RigidTransform] = {}
@@ -94,6 +95,7 @@ class RaycastingDepthCamera(LeafSystem):
         self._shapes = _Shapes(inspector, self._moving, params)
         self._background = np.full((params.height, params.width), np.inf, dtype=np.float32)
         _Shapes(inspector, list(fixed), params).draw(self._background, self._in_camera(list(fixed.values())))
+        within(self._background.copy(), self._near, self._far)  # compiles
         self._query = self.DeclareAbstractInputPort("geometry_query", Value[QueryObject]())
         self.DeclareAbstractOutputPort(
             "depth_image_32f",
@@ -111,8 +113,7 @@ class RaycastingDepthCamera(LeafSystem):
     def _calc_image(self, context: Context, output: AbstractValue) -> None:
         query, depth = self._query.Eval(context), self._background.copy()
         self._shapes.draw(depth, self._in_camera([query.GetPoseInWorld(geometry) for geometry in self._moving]))
-        depth[depth > self._far] = np.inf
-        depth[depth < self._near] = 0.0
+        within(depth, self._near, self._far)
         output.get_mutable_value().mutable_data[..., 0] = depth
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, Primitives, bounding_capsules, surface_point
 from saphari_drake.perception.camera.model import Pinhole
 from saphari_drake.perception.segmentation.regions import region_near
-from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw
+from saphari_drake.simulation.sensors.primitive_rays import ELLIPSOID, HALF_SPACE, draw, within
 
 ROWS, COLUMNS, FOCAL = 60, 80, 70.0
 X = (np.arange(COLUMNS) + 0.5 - COLUMNS / 2) / FOCAL
@@ -86,3 +86,10 @@ def test_what_is_behind_the_camera_is_not_seen():
     kind, size, R, p = shapes(np.random.default_rng(3))
     p[:, 2] *= -1.0
     assert np.isinf(drawn(kind, size, R, p)).all()
+
+
+def test_outside_the_range_nothing_is_read():
+    """Both ends belong to it, and what is no number stays none."""
+    depth = np.array([[0.1, 0.4, 1.0, 5.0, 5.1, np.inf, np.nan]], dtype=np.float32)
+    within(depth, np.float32(0.4), 5.0)
+    np.testing.assert_array_equal(depth, np.array([[0.0, 0.4, 1.0, 5.0, np.inf, np.inf, np.nan]], dtype=np.float32))

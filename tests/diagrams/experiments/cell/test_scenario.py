@@ -1,0 +1,44 @@
+"""Trials of the safe cell: the same seed gives the same people, and the ways differ in what they should."""
+
+import numpy as np
+import pytest
+from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
+from experiments.nmpc.jobs import pose_of
+from small_bvh import swinging, write_bvh
+
+from saphari_drake.errors import ParameterError, UnknownNameError
+
+
+def test_the_same_seed_gives_the_same_people(tmp_path):
+    write_bvh(tmp_path / "a.bvh", swinging(20))
+    for recordings in ("", str(tmp_path)):
+        one, two, other = (
+            person_of(CellScenario(seed=seed, recordings=recordings), trial) for seed, trial in ((3, 1), (3, 1), (3, 2))
+        )
+        assert one == two != other
+    with pytest.raises(ParameterError, match="no .bvh file"):
+        person_of(CellScenario(recordings=str(tmp_path / "none")), 0)
+
+
+def test_the_ways_differ_in_what_stops_them():
+    supervised, separation, stop, force = (
+        for_way(CellScenario(), way) for way in ("supervised", "separation", "stop_at_contact", "force_limited")
+    )
+    assert (supervised.signals.limit, supervised.supervisor.answer) == ("both", "comply")
+    assert (separation.signals.limit, separation.supervisor.answer) == ("separation", "stop")
+    assert stop.supervisor.release_time > separation.supervisor.release_time
+    assert force.signals.limit == "force" and force.force_limit.reach > 5.0
+    with pytest.raises(UnknownNameError, match="supervised"):
+        CellScenario(ways=["blind"])
+
+
+@pytest.mark.parametrize("case", ["fixed", "mobile"])
+def test_a_job_begins_and_ends_where_the_robot_stands(case):
+    scenario = CellScenario(case=case, robot="lwr4" if case == "fixed" else "omnirob")
+    robot = robot_of(scenario)
+    job, start = job_of(robot, scenario), at_start(robot, scenario)
+    R, p = pose_of(start, job.end_effector, start.home)
+    for time in (0.0, job.length):
+        np.testing.assert_allclose(job.pose(time)[1], p, atol=1e-9)
+        np.testing.assert_allclose(job.pose(time)[0], R, atol=1e-9)
+    assert np.linalg.norm(job.pose(0.5 * job.length)[1] - p) > 0.4
