@@ -17,6 +17,7 @@ from experiments.hardware.cell import SIM, HardwareScenario, build
 from experiments.hardware.figures import figure, replay
 from experiments.hardware.judge import judged
 from experiments.hardware.run import run_case
+from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -71,7 +72,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=keep,
     seedless=frozenset(CASES),
     parts=lambda case: ARM,
 )

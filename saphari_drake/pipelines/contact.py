@@ -19,7 +19,7 @@ from saphari_drake.perception.camera.frame_check import FrameCheckParameters
 from saphari_drake.perception.camera.frame_check_system import FrameCheck
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
-from saphari_drake.perception.contact.parameters import LocalizerParameters
+from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.pipelines.envelope import JointState, JointWitness, add_joint_check, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
@@ -45,6 +45,9 @@ class ContactPipelineParameters:
     model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
+    # What finds hidden contacts. The residual's noise is measured; the cone is wide, as fingers hook at edges and the
+    # cover's normals are not those of the model.
+    fusion: FusionParameters = field(default_factory=lambda: FusionParameters(torque_sigma=0.05, friction=1.5, modes=6))
     # Of the camera's frames.
     frames: FrameCheckParameters = field(default_factory=FrameCheckParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
@@ -136,7 +139,9 @@ def add_contact_pipeline(
         detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
         localizer=add(
             "contact_localizer",
-            ContactLocalizer(robot, [camera], params.localizer, [background], period=params.period),
+            ContactLocalizer(
+                robot, [camera], params.localizer, [background], fusion=params.fusion, period=params.period
+            ),
         ),
         frames=add("frame_check", FrameCheck(robot, camera, params.frames, background, params.period)),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
@@ -171,7 +176,7 @@ def add_contact_pipeline(
         (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
         (p.model_error, "torque_external", p.detector, p.force, p.localizer),
         (p.model_error, "torque_uncertainty", p.detector),
-        (p.model_error, "torque_noise", p.detector),
+        (p.model_error, "torque_noise", p.detector, p.localizer),
         (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
         (p.localizer, "camera_status", p.frames),

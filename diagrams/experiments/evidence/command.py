@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from experiments.evidence.arm_trials import arm_jobs, run_arms
 from experiments.evidence.benchmarks import run_benchmarks
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
@@ -17,6 +18,7 @@ from experiments.evidence.fault_trials import fault_summary, recorded_trial, run
 from experiments.evidence.gate import check
 from experiments.evidence.hazards import hazards_text
 from experiments.evidence.page import write_page
+from experiments.evidence.progress import Progress
 from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results
@@ -51,6 +53,11 @@ class Places(NamedTuple):
         return self.scripts / "hazards.md"
 
     @property
+    def arms(self) -> Path:
+        """File of the runs on other arms."""
+        return self.scripts / "arms.json"
+
+    @property
     def times(self) -> Path:
         """File of the benchmarks' rows."""
         return self.scripts / "benchmarks.json"
@@ -81,6 +88,8 @@ def _main(options: Namespace, places: Places) -> int:
             return _told(lines, "gate: pass", "gate: FAIL")
         if options.faults:
             broken = record_faults(options, places)
+        elif options.arms:
+            record_arms(options, places, out, keep)
         elif options.benchmarks:
             record_benchmarks(places, options.only)
         elif not options.tables:
@@ -98,6 +107,17 @@ def record_benchmarks(places: Places, only: Sequence[str]) -> None:
         say(name)
         recorded[name] = entry
         write_results(places.times, dict(sorted(recorded.items())))
+
+
+def record_arms(options: Namespace, places: Places, out: Path, keep: bool) -> None:
+    """Run the experiments on other arms and keep what each came to."""
+    scripts, recorded = find_scripts(places.scripts), read_results(places.arms)
+    jobs = arm_jobs(options.arms, scripts, options.only)
+    progress = Progress(jobs, {}, options.jobs)
+    for run, entry in run_arms(jobs, scripts, out, options.jobs, keep):
+        say(progress.line(run))
+        recorded.setdefault(run.job.label, {})[f"{run.job.script}/{run.job.case}"] = entry
+        write_results(places.arms, recorded)
 
 
 def record_faults(options: Namespace, places: Places) -> list[str]:
@@ -129,7 +149,7 @@ def write_readme(places: Places) -> list[str]:
     """Write the README's generated parts; return a line for each figure that it lacks."""
     results, times, faults = (read_results(path) for path in (places.results, places.times, places.faults))
     text = places.readme.read_text(encoding="utf-8")
-    write_text(places.readme, generated(text, results, times, faults))
+    write_text(places.readme, generated(text, results, times, faults, read_results(places.arms)))
     write_text(places.hazards, hazards_text(faults))
     return missing(results, times)
 
