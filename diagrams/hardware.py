@@ -20,7 +20,6 @@ from experiments.hardware.run import run_case
 from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
-from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -74,9 +73,9 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=keep,
     seedless=frozenset(CASES),
-    parts=lambda case: ARM,
 )
 
 
 if __name__ == "__main__":
-    sys.exit(main(EXPERIMENT, with_address(sys.argv[1:])))
+    sys.argv[1:] = with_address(sys.argv[1:])
+    sys.exit(main(EXPERIMENT))

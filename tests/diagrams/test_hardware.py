@@ -24,6 +24,7 @@ def test_the_robot_is_an_address_of_the_scenario(given):
         (["--robot", "tcp://10.0.0.1"], ["fci://HOST", "lcm"]),
         (["--robot", "lcm://memq://"], ["IIWA_STATUS"]),
         (["--robot", "fci://127.0.0.1", "--model", "missing.urdf"], ["missing.urdf"]),
+        (["--robot", "lcm", "--plant", "realistic"], ["plant", "lcm"]),
         (["--set", "station.priority=200"], ["priority"]),
         (["--set", "rod.link=fr3_link9"], ["fr3_link9"]),
     ],

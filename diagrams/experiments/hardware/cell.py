@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -24,6 +25,7 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
+from saphari_drake.simulation.view.replay import show
 from saphari_drake.simulation.world.cell import Cell, add_cell, contact_truth
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.plant import PlantParameters
@@ -80,7 +82,9 @@ class Setup:
     cell: Cell | None  # of a simulated robot
 
 
-def build(scenario: HardwareScenario, robot: RobotModel, link: Link | None = None) -> Setup:
+def build(
+    scenario: HardwareScenario, robot: RobotModel, link: Link | None = None, meshcat: Meshcat | None = None
+) -> Setup:
     """Build the diagram of a scenario, with the shared memory of a real robot's loop or with a simulated robot."""
     builder, cell = DiagramBuilder(), None
     if link is None:
@@ -105,6 +109,7 @@ def build(scenario: HardwareScenario, robot: RobotModel, link: Link | None = Non
         recorder.add(name, port, unit)
     if cell is not None:
         recorder.add("contact_truth", cell.contact_results, "N", lambda results: contact_truth(results, cell)[:3], 3)
+        show(builder, cell.scene_graph, meshcat)
         recorder.add("plant_position", cell.plant.get_state_output_port(), "mixed", _positions(cell))
     return Setup(scenario, robot, builder.Build(), recorder, cell)
 

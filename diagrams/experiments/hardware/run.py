@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from experiments.hardware.cell import SIM, HardwareScenario, Setup, build
 from experiments.hardware.server import FrankaSim
-from saphari_drake.errors import SensorError
+from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.stations.follow import Followed, follow
@@ -43,11 +43,13 @@ class Run:
 
 def run_case(scenario: HardwareScenario, options: RunOptions | None = None) -> Run:
     """Run a scenario where its address says."""
-    scenario = deepcopy(scenario)
+    scenario, options = deepcopy(scenario), options or RunOptions()
     if scenario.address != SIM:
+        if scenario.plant != "ideal":
+            raise ParameterError("plant", f"is that of a simulated robot; '{scenario.address}' is what it is")
         return run_station(scenario)
     robot = scenario.known(scenario.loaded(scenario.home))
-    setup = build(scenario, robot)
+    setup = build(scenario, robot, meshcat=options.meshcat)
     simulation = Simulation(setup.diagram, scenario.case, options)
     simulation.to(scenario.duration)
     log = simulation.log(setup.recorder)
