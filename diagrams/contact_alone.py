@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 from experiments.contact.cell import ContactCell
 from experiments.contact.run import ContactScenario, ContactSetup, build_contact, replay_contact, run_contact
+from experiments.placement.contact import place_in_cell, pushes_on_links
 from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.messages import InteractionMode
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
@@ -47,6 +49,12 @@ def scenario_for(case: str) -> ContactAloneScenario:
     if case == "blind":
         scenario.duration, scenario.faults, scenario.fault_time = 12.0, ["camera_dropout"], 2.0
     return scenario
+
+
+def adapt(scenario: ContactAloneScenario, robot: RobotModel) -> None:
+    """Fit a scenario to another arm."""
+    arm = place_in_cell(scenario, robot)
+    scenario.pushes = pushes_on_links(scenario, arm, scenario.pushes)
 
 
 def build(scenario: ContactAloneScenario, meshcat: Meshcat | None = None) -> ContactSetup:
@@ -116,7 +124,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=adapt,
     parts=lambda case: (*ARM, "camera"),
 )
 

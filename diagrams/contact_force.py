@@ -10,6 +10,7 @@ from experiments.contact.force_judge import CONTROLLED, judged
 from experiments.contact.force_trials import PANELS, force_trial, force_trial_metrics, run_force_trial
 from experiments.contact.random_touches import RandomTouchParameters
 from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.placement.contact import place_in_cell, pushes_along, pushes_on_links, touchable
 from experiments.trials import RandomTrials, run_trials
 from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
@@ -17,6 +18,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.control.contact.gate import ForceStatus
 from saphari_drake.control.contact.parameters import ContactForceControlParameters
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
@@ -84,6 +86,22 @@ def scenario_for(case: str) -> ContactForceScenario:
             resisting("link_6", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.7, -0.65], 8.0, 3.5, 0.2),
         ]
     return scenario
+
+
+def adapt(scenario: ContactForceScenario, robot: RobotModel) -> None:
+    """Fit a scenario to another arm."""
+    arm = place_in_cell(scenario, robot)
+    if scenario.case == "random":
+        scenario.touches.links = [robot.link_names[link] for link in touchable(arm)]
+        return
+    if scenario.case == "compatible":
+        scenario.pushes = pushes_on_links(scenario, arm, scenario.pushes)
+        return
+    # The first push is resisted along the desired force, the other one is across it.
+    control, place = scenario.system.pipeline.controller, pushes_along(scenario, arm, scenario.pushes, 2)
+    scenario.pushes = place
+    size = float(np.linalg.norm(control.fixed_force))
+    control.fixed_force = (size * np.asarray(place[0].direction)).tolist()
 
 
 def build(scenario: ContactForceScenario, meshcat: Meshcat | None = None) -> ContactSetup:
@@ -163,7 +181,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=adapt,
     parts=lambda case: (*ARM, "camera", "person"),
 )
 

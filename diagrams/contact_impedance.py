@@ -9,12 +9,14 @@ from experiments.contact.impedance_judge import judged
 from experiments.contact.random_run import run_random, trial_of
 from experiments.contact.random_touches import RandomTouchParameters
 from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.placement.contact import place_in_cell, pushes_along, pushes_on_links, touchable
 from experiments.trials import RandomTrials
 from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.messages import InteractionMode
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.people.recorded_push import RecordedPushParameters, recorded_push
@@ -71,6 +73,17 @@ def scenario_for(case: str) -> ContactImpedanceScenario:
         scenario.duration = 60.0
         scenario.pushes = [Push("link_6", [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [], 30.0, 0.3, 60.0)]
     return scenario
+
+
+def adapt(scenario: ContactImpedanceScenario, robot: RobotModel) -> None:
+    """Fit a scenario to another arm."""
+    arm = place_in_cell(scenario, robot)
+    if scenario.case == "random":
+        scenario.touches.links = [robot.link_names[link] for link in touchable(arm)]
+    elif scenario.case == "modified":
+        scenario.pushes = pushes_along(scenario, arm, scenario.pushes)
+    else:
+        scenario.pushes = pushes_on_links(scenario, arm, scenario.pushes)
 
 
 def build(scenario: ContactImpedanceScenario, meshcat: Meshcat | None = None) -> ContactSetup:
@@ -136,7 +149,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=adapt,
     parts=lambda case: (*ARM, "camera", "person"),
 )
 

@@ -16,6 +16,7 @@ from experiments.localization.scenario import (
     scenario_for,
 )
 from experiments.localization.scenes import ContactScenes, DrawnTouch
+from experiments.placement.scenes import place_scenes
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError
@@ -38,10 +39,10 @@ def build_diagram(scenario: ContactLocalizationScenario) -> Diagram:
 
 def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[DrawnTouch] | None:
     """Draw the touches of scene `index`; nothing if there is no room for two."""
-    links = scenes.robot.n - 1
+    links = [link for link in range(1, scenes.robot.n) if np.any(scenes.robot.shapes.link == link)]
     if case != "two_contacts":
-        return [scenes.draw(rng, 1 + index % links, KINDS[(index // links) % len(KINDS)])]
-    pairs = [(a, b) for b in range(1, links + 1) for a in range(1, b)]
+        return [scenes.draw(rng, links[index % len(links)], KINDS[(index // len(links)) % len(KINDS)])]
+    pairs = [(a, b) for b in links for a in links if a < b]
     inner, outer = pairs[index % len(pairs)]
     kinds = KINDS[index % len(KINDS)], KINDS[(index // len(KINDS)) % len(KINDS)]
     try:
@@ -94,7 +95,14 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     if sys.stderr.isatty():
         print(file=sys.stderr)
     log = Log(np.arange(len(rows), dtype=float))
-    units = {"error": "m", "first_error": "m", "vision_error": "m", "baseline_error": "m", "size": "m"}
+    units = {
+        "error": "m",
+        "first_error": "m",
+        "vision_error": "m",
+        "baseline_error": "m",
+        "particle_error": "m",
+        "size": "m",
+    }
     for name in Row._fields:
         log.add(name, [getattr(row, name) for row in rows], units.get(name, "1"))
     return Outcome(
@@ -112,7 +120,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_scenes,
     parts=lambda case: ("plant",),
 )
 

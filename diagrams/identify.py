@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from experiments.identification import Recorded, best_excitation, build_identification, judged
+from experiments.placement.excitation import place_excitation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
@@ -108,7 +109,7 @@ def figure(cell: Recorded, found: Identification, log: Log) -> Figure:
 
 
 EXPERIMENT = Experiment(
-    "identify", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+    "identify", __doc__, CASES, scenario_for, run, build_diagram, adapt=place_excitation, parts=lambda case: ARM
 )
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from experiments.nmpc.manipulator_trials import (
     run_manipulator_trial,
 )
 from experiments.nmpc.run import simulate
+from experiments.placement.predictive import place_job
 from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
@@ -91,7 +92,8 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_job,
+    own_robot=frozenset({"random"}),
     seedless=frozenset(CASES) - {"random"},
     parts=lambda case: ARM,
 )

@@ -13,6 +13,7 @@ from experiments.null_space.ball_trials import PANELS, RandomBallParameters, bal
 from experiments.null_space.figures import comparison
 from experiments.null_space.run import CASES as OBSERVERS
 from experiments.null_space.run import NullSpaceScenario, Run, Runs, build, limits, replay, speed
+from experiments.placement.null_space import place_obstacles
 from experiments.trials import RandomTrials, run_trials
 from pydrake.systems.framework import Diagram
 
@@ -115,7 +116,15 @@ def steady_error(result: Run, rows: np.ndarray) -> float:
 
 
 EXPERIMENT = Experiment(
-    "null_space_ball", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+    "null_space_ball",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    adapt=place_obstacles,
+    own_robot=frozenset({"random"}),
+    parts=lambda case: ARM,
 )
 
 

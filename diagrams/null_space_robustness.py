@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from experiments.null_space.figures import disturbed
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, require_dwell, speed
+from experiments.placement.null_space import place_obstacles
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -118,7 +119,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_obstacles,
     parts=lambda case: ARM,
 )
 

@@ -7,6 +7,7 @@ import numpy as np
 from experiments.null_space.figures import comparison
 from experiments.null_space.motion import StraightMotionParameters
 from experiments.null_space.run import CASES, NullSpaceScenario, Run, Runs, build, limits, replay, speed
+from experiments.placement.null_space import place_obstacles
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -73,7 +74,7 @@ def rms(run: Run) -> float:
 
 
 EXPERIMENT = Experiment(
-    "null_space_wall", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True, parts=lambda case: ARM
+    "null_space_wall", __doc__, CASES, scenario_for, run, build_diagram, adapt=place_obstacles, parts=lambda case: ARM
 )
 
 

@@ -1,8 +1,9 @@
-"""Hard and soft unilateral constraints by reverse priority (Section 4, Fig. 4), and three levels on the LWR4."""
+"""Hard and soft unilateral constraints by reverse priority (Section 4, Fig. 4), and three levels on an arm."""
 
 import sys
 from dataclasses import dataclass, field
 
+from experiments.placement.priority import place_levels
 from experiments.priority.figures import planar_figure, planar_replay, three_level_figure, three_level_replay
 from experiments.priority.planar import (
     PlanarCell,
@@ -79,7 +80,7 @@ def build_diagram(scenario: ReversePriorityScenario) -> Diagram:
 
 def _three_level(scenario: ReversePriorityScenario, options: RunOptions | None = None) -> ThreeLevelCell:
     truth, meshcat = scenario.truth(scenario.arm.controller.period), None if options is None else options.meshcat
-    job = three_level_job(scenario.known(scenario.loaded()), scenario.arm, scenario.seed)
+    job = three_level_job(scenario.known(scenario.loaded(scenario.arm.home)), scenario.arm, scenario.seed)
     return build_three_level(with_faults(job, truth), meshcat, truth)
 
 
@@ -148,6 +149,8 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
+    adapt=place_levels,
+    own_robot=frozenset(CASES) - {"three_level"},
     seedless=frozenset(CASES) - {"three_level", "random"},
     parts=parts_of,
 )

@@ -11,6 +11,7 @@ from experiments.cell.figures import cell_figure, cell_replay
 from experiments.cell.functions import safety_functions
 from experiments.cell.run import metrics_of, simulate
 from experiments.cell.scenario import CellScenario
+from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -61,7 +62,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=keep,
     parts=lambda case: (*ARM, "skin", "wrist", "camera"),
 )
 

@@ -9,6 +9,7 @@ from experiments.guiding.figures import forces_and_velocities, replay
 from experiments.guiding.run import GuidingRun, GuidingRuns, build
 from experiments.guiding.touches import skin_metrics
 from experiments.guiding.trials import PANELS, RandomGuidingScenario, draw_guiding, guiding_metrics, run_guiding
+from experiments.placement.guiding import place_hands
 from experiments.trials import run_trials
 from pydrake.systems.framework import Diagram
 
@@ -125,7 +126,8 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    accepts_model=True,
+    adapt=place_hands,
+    own_robot=frozenset({"random"}),
     parts=lambda case: (*ARM, "skin", "wrist"),
 )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from experiments.cell.stops import Stop, StopRig, build_stop_rig, random_stop, share_of_table, table_of
+from experiments.placement.arm import keep
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
@@ -89,7 +90,7 @@ def figure(table: StoppingTable, stops: list[Stop]) -> Figure:
     return result
 
 
-EXPERIMENT = Experiment("stopping", __doc__, CASES, scenario_for, run, build_diagram, accepts_model=True)
+EXPERIMENT = Experiment("stopping", __doc__, CASES, scenario_for, run, build_diagram, adapt=keep)
 
 
 if __name__ == "__main__":

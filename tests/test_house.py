@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "math": (),
     "robots": ("math",),
     **dict.fromkeys(METHODS, ("math", "robots")),
-    **dict.fromkeys(("pipelines", "simulation"), ("math", "robots", *METHODS)),
+    **dict.fromkeys(("pipelines", "stations", "simulation"), ("math", "robots", *METHODS)),
 }
 LONGEST = 250
 
@@ -62,7 +62,7 @@ def trespasses(place: Path, source: str) -> list[str]:
 
 @pytest.mark.parametrize("place", modules(), ids=str)
 def test_imports_run_one_way(place):
-    """math ← robots ← {estimation, perception, control, safety} ← {pipelines, simulation} ← diagrams."""
+    """math ← robots ← {estimation, perception, control, safety} ← {pipelines, stations, simulation} ← diagrams."""
     assert trespasses(place, (ROOT / PACKAGE / place).read_text(encoding="utf-8")) == []
 
 

@@ -17,6 +17,8 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.estimation import JointVelocity, JointVelocityParameters
 from saphari_drake.perception import CameraCheck, CameraParameters
 from saphari_drake.safety import PowerForceLimit, SpeedSeparation, Supervisor, TorqueChoice, TorqueLimit
+from saphari_drake.stations import RobotStation
+from saphari_drake.stations.shared import open_link
 
 ROOT = Path(saphari_drake.__file__).parent
 PACKAGES = sorted(
@@ -77,6 +79,9 @@ def systems() -> dict[type, LeafSystem]:
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
     found |= {SpeedSeparation: SpeedSeparation(robot), PowerForceLimit: PowerForceLimit(robot)}
     found |= {Supervisor: Supervisor(), TorqueChoice: TorqueChoice(robot.n)}
+    link = open_link(robot.n)
+    link.path.unlink()
+    found[RobotStation] = RobotStation(robot, link)
     found[JointVelocity] = JointVelocity(robot, JointVelocityParameters(resolution=1e-4))
     for script, case in DIAGRAMS.items():
         experiment = importlib.import_module(script).EXPERIMENT

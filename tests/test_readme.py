@@ -13,6 +13,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 RESULTS = read_results(ROOT / "diagrams" / "results.json")
 BENCHMARKS = read_results(ROOT / "diagrams" / "benchmarks.json")
 FAULTS = read_results(ROOT / "diagrams" / "faults.json")
+ARMS = read_results(ROOT / "diagrams" / "arms.json")
 
 
 def numbers_typed(text):
@@ -39,7 +40,7 @@ def test_the_two_commands_are_printed():
 
 def test_generated_parts_are_what_is_recorded():
     """`report.py --tables` would change nothing."""
-    assert generated(README, RESULTS, BENCHMARKS, FAULTS) == README
+    assert generated(README, RESULTS, BENCHMARKS, FAULTS, ARMS) == README
 
 
 def test_every_figure_of_the_readme_is_recorded():
@@ -64,4 +65,4 @@ def test_a_changed_figure_is_found():
     digit = re.search(r"\d", part[1])
     at = part.start(1) + digit.start()
     changed = README[:at] + str((int(digit[0]) + 1) % 10) + README[at + 1 :]
-    assert generated(changed, RESULTS, BENCHMARKS, FAULTS) == README != changed
+    assert generated(changed, RESULTS, BENCHMARKS, FAULTS, ARMS) == README != changed

@@ -26,7 +26,7 @@ class ExcitationParameters:
     range_share: float = 0.5
     speed_share: float = 0.5
     reach: float = 1.0
-    # m; no link's origin comes nearer to the floor.
+    # m; no link's origin that rises and falls comes nearer to the floor.
     height: float = 0.2
     # Motions that are drawn; the one that tells the unknowns apart best is taken.
     trials: int = 20
@@ -90,7 +90,8 @@ def draw_excitation(robot: RobotModel, params: ExcitationParameters, rng: np.ran
         reached = np.abs(shape.at(times) - robot.home).max(axis=0)
         scale = np.minimum(room / reached, fastest / shape.speed())
         motion = Excitation(robot.home, scale * a, scale * b, params.period)
-        lowest = min(robot.kinematics(q).p_WL[1:, 2].min(initial=np.inf) for q in motion.at(times[::5]))
-        if lowest >= params.height:
+        heights = np.array([robot.kinematics(q).p_WL[:, 2] for q in motion.at(times[::5])])
+        moved = np.ptp(heights, axis=0) > 1e-6  # the shoulder's may lie lower, and stays there
+        if heights[:, moved].min(initial=np.inf) >= params.height:
             return motion
     raise ParameterError("excitation", f"no motion keeps all links {params.height} m above the floor; change home")

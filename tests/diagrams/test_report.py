@@ -27,7 +27,7 @@ open(sys.argv[sys.argv.index("--json") + 1], "w").write(json.dumps({"one": row})
 """
 README = "".join(
     f"<!-- results:{name} -->\n<!-- /results -->\n"
-    for name in ("made", "experiments", "short", "faults", "speed_made", "speed")
+    for name in ("made", "experiments", "short", "faults", "arms", "speed_made", "speed")
 )
 
 

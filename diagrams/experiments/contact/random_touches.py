@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.errors import ModelError, ParameterError
 from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
-from saphari_drake.parameters import require_positive
+from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
@@ -29,6 +29,8 @@ class RandomTouchParameters:
     # deg; largest deviation of each joint from the scenario's posture, and of the push from the surface's normal.
     posture: float = 40.0
     tilt: float = 45.0
+    # deg; least distance of each joint from its stops: an arm that rests on one is held there, as a whole.
+    stops: float = 5.0
     # N; the person pushes with so much. m; radius of the finger.
     force: list[float] = field(default_factory=lambda: [12.0, 35.0])
     finger_radius: list[float] = field(default_factory=lambda: [0.009, 0.018])
@@ -40,6 +42,7 @@ class RandomTouchParameters:
     watched: float = 2.0
 
     def __post_init__(self) -> None:
+        require_non_negative(self, "stops")
         require_positive(self, "posture", "tilt", "force", "finger_radius", "clearance", "start", "hold", "watched")
         for name in ("force", "finger_radius"):
             value = getattr(self, name)
@@ -75,9 +78,10 @@ def draw_touch(robot: RobotModel, hand: HandParameters, params: RandomTouchParam
     link = robot.link_index(name)
     (low, high), (thin, thick) = params.force, params.finger_radius
     force, radius = rng.uniform(low, high), rng.uniform(thin, thick)
+    reach, stops = np.deg2rad([params.posture, params.stops])
     for _ in range(_DRAWS):
-        reach = np.deg2rad(params.posture)
-        home = np.rad2deg(np.clip(robot.home + rng.uniform(-reach, reach, robot.n), robot.q_min, robot.q_max))
+        q = robot.home + rng.uniform(-reach, reach, robot.n)
+        home = np.rad2deg(np.clip(q, robot.q_min + stops, robot.q_max - stops))
         q = np.deg2rad(home)
         terms = evaluate_dynamics(robot, q, np.zeros(robot.n))
         p_W, n_W = surface_point_of(robot, terms, link, rng)

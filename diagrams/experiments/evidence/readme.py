@@ -7,19 +7,27 @@ from typing import Any
 
 from experiments.evidence import benchmarks as speed
 from experiments.evidence import readme_tables as tables
+from experiments.evidence.arm_trials import arms_table
 from experiments.evidence.fault_trials import faults_table
 from experiments.evidence.markers import with_blocks
 from experiments.evidence.readme_rows import EXPERIMENTS, SPEED_TABLE
 from experiments.evidence.results_file import Results
 
 
-def generated(text: str, results: Results, benchmarks: Mapping[str, Any], faults: Mapping[str, Any]) -> str:
+def generated(
+    text: str,
+    results: Results,
+    benchmarks: Mapping[str, Any],
+    faults: Mapping[str, Any],
+    arms: Mapping[str, Any],
+) -> str:
     """Return the README `text` with its generated parts renewed; rows that are not recorded are left out."""
     blocks = {
         "made": tables.made_text(results),
         "experiments": tables.experiments_table(results, EXPERIMENTS),
         "short": tables.short_table(results),
         "faults": faults_table(faults),
+        "arms": arms_table(arms),
         "speed_made": speed.speed_made_text(benchmarks),
         "speed": speed.speed_table(benchmarks, SPEED_TABLE),
     }

@@ -25,7 +25,7 @@ from saphari_drake.simulation.world.cell import Body, add_cell
 
 Array = NDArray[np.float64]
 BLUE, ORANGE = (0.0, 0.25, 0.80), (0.84, 0.37, 0.0)
-HAND, COPPER = (0.89, 0.71, 0.58), np.array([0.72, 0.45, 0.20, 1.0])
+HAND, BOARD = (0.89, 0.71, 0.58), np.array([0.03, 0.20, 0.14, 1.0])
 SCALE = 0.02  # m/N
 
 
@@ -70,7 +70,7 @@ class SkinPatch(Body):
         body, side = plant.GetBodyByName(robot.link_names[self.layout.link]), 0.85 * self.layout.params.pitch
         for k, (R, p) in enumerate(zip(self.layout.R_LM, self.layout.p_LM)):
             X_LM = RigidTransform(RotationMatrix(R), p)
-            plant.RegisterVisualGeometry(body, X_LM, Box(side, side, 0.004), f"module_{k}", COPPER)
+            plant.RegisterVisualGeometry(body, X_LM, Box(side, side, 0.010), f"module_{k}", BOARD)
 
 
 def replay(run: GuidingRun, path: Path, title: str) -> None:
@@ -91,8 +91,10 @@ def replay(run: GuidingRun, path: Path, title: str) -> None:
             Marker(f"hand on the {name}", point - 0.045 * force / size[:, None], 0.04, HAND, touched),
         ]
     target = log["truth"][0, 3:6] * np.array([0.5, 0.5, 1.0])
-    camera = (target + np.array([1.0, 1.0, 0.5]), target)
-    cell, skin = setup.cell.cell, SkinPatch(SkinLayout(setup.robot, setup.scenario.system.skin_layout))
+    cell, layout = setup.cell.cell, SkinLayout(setup.robot, setup.scenario.system.skin_layout)
+    # From where the skin is seen.
+    outwards = setup.robot.kinematics(log["position"][0]).R_WL[layout.link] @ layout.n_L.mean(axis=0)
+    camera, skin = (target + outwards + np.array([0.0, 0.0, 0.4]), target), SkinPatch(layout)
 
     def build(builder: DiagramBuilder) -> MultibodyPlant:
         return add_cell(builder, cell.robot, [*cell.bodies, skin], cell.params).plant

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.localization.parameters import KINDS
+from experiments.localization.particle_filter import contact_particle_filter
 from experiments.localization.published import published_localization
 from experiments.localization.pushes import torque_noise, wandering_forces
 from experiments.localization.scenario import NEVER, ContactLocalizationScenario
@@ -22,6 +23,8 @@ from saphari_drake.simulation.world.profile import PlantProfile
 from saphari_drake.simulation.world.true_model import resting_residual
 
 Array = NDArray[np.float64]
+
+QUIET = 30  # frames without a touch, from which the residual's deviation is known
 
 
 class Localizer(NamedTuple):
@@ -54,6 +57,9 @@ class Row(NamedTuple):
     baseline_error: float  # m
     baseline_link_right: float
     baseline_force_error: float
+    particle_error: float  # m, of the contact particle filter
+    particle_link_right: float
+    particle_force_error: float
     other_weight: float
     size: float  # m, radius of what touches
     other_link: int  # that is touched at the same time (−1: none)
@@ -71,12 +77,16 @@ def judged_scene(
     p, first, law = scenario.scenes, touches[0], localizer.law
     moving = rng.random() < scenario.moving
     noise = torque_noise(rng, scenes.robot.n, scenario.frames, scenes.params)
+    own = rng.spawn(1)[0]
+    quiet = torque_noise(own, scenes.robot.n, QUIET, scenes.params)  # before anybody touches
     pushes = [wandering_forces(rng, touch, scenario.frames, scenes.params) for touch in touches]
     truth = scenario.truth(period=1.0)
     if truth.profile != PlantProfile():
-        noise = noise + resting_residual(scenes.robot, truth, first.q, rng)
+        resting = resting_residual(scenes.robot, truth, first.q, rng)
+        noise, quiet = noise + resting, quiet + resting
+    sigma = np.sqrt(np.mean(quiet**2, axis=0))
     encoders = truth.joint_sensor(JointSensorParameters(position_resolution=0.0)).position_resolution
-    memory, early = law.empty(), [NEVER] * len(touches)
+    memory, early, instants = law.empty(), [NEVER] * len(touches), []
     for k in range(scenario.frames):
         q = first.q + moving * first.v * k / scenario.cameras[0].rate
         exact = images if k == 0 or not moving else scenes.images(touches, q)
@@ -84,7 +94,8 @@ def judged_scene(
         forces = np.array([terms.R_WL[touch.link] @ push[k] for touch, push in zip(touches, pushes)])
         r = noise[k] + sum(terms.point(touch.link, touch.p_L).Jv_WC.T @ force for touch, force in zip(touches, forces))
         depth = [scenes.noisy(image, i, rng) for i, image in enumerate(exact)]
-        at = instant(scenes.robot, 0.0, quantize(q, encoders), r)
+        at = instant(scenes.robot, 0.0, quantize(q, encoders), r)._replace(sigma=sigma)
+        instants.append(at)
         views = [finder.look(z, at.R_WL, at.p_WL, 2) for finder, z in zip(localizer.finders, depth)]
         evidence = law.evidence(at, views)
         memory = law.remember(memory, evidence)
@@ -95,13 +106,15 @@ def judged_scene(
     which, error = _matched(result, terms, true)
     vision = [_in_world(terms, place, place.p_LC) for place in evidence.seen]
     plain = published_localization(localizer.finders[0].camera, depth[0], terms, r, 3.0 * p.torque_noise)
+    filtered = contact_particle_filter(scenes.robot, law.candidates, instants, sigma, law.params.friction, own)
     rows = []
     for k, touch in enumerate(touches):
         size, mode = float(np.linalg.norm(forces[k])), which[k]
         felt = result.forces[mode] if mode >= 0 else np.zeros(3)
-        plain_error = NEVER
-        if plain.link >= 0:
-            plain_error = float(np.linalg.norm(_in_world(terms, plain, plain.p_L) - true[k]))
+        plain_error, filtered_error = (
+            float(np.linalg.norm(_in_world(terms, found, found.p_L) - true[k])) if found.link >= 0 else NEVER
+            for found in (plain, filtered)
+        )
         rows.append(
             Row(
                 link=touch.link,
@@ -114,6 +127,9 @@ def judged_scene(
                 baseline_error=plain_error,
                 baseline_link_right=float(plain.link == touch.link),
                 baseline_force_error=float(np.linalg.norm(plain.F_W - forces[k])) / size,
+                particle_error=filtered_error,
+                particle_link_right=float(filtered.link == touch.link),
+                particle_force_error=float(np.linalg.norm(filtered.F_W - forces[k])) / size,
                 other_weight=result.second_weight,
                 size=float(scenes.sizes[touch.hand][[0, 2, 3][KINDS.index(touch.kind)]]),
                 other_link=touches[1 - k].link if len(touches) == 2 else -1,

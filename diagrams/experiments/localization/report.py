@@ -18,7 +18,7 @@ from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
 
 
 def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, drawn: int) -> list[Metric]:
-    """Return the metrics of the contract, those by link and by what touches, and the baseline's."""
+    """Return the metrics of the contract, those by link and by what touches, and the baselines'."""
     column = {name: log[name][:, 0] for name in log}
     error, case = column["error"], scenario.case
     high = {"one_camera": 0.006, "miscalibrated": 0.010, "hidden": 0.015}.get(case, np.inf)
@@ -52,14 +52,17 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
             result.append(Metric(f"{kind}_p95_m", np.percentile(error[rows], 95), "m"))
             result.append(Metric(f"{kind}_radius_least_m", column["size"][rows].min(), "m"))
             result.append(Metric(f"{kind}_radius_most_m", column["size"][rows].max(), "m"))
-    plain = column["baseline_error"]
+    for name in ("baseline", "particle"):  # the published vision method, and the contact particle filter
+        plain = column[f"{name}_error"]
+        result += [
+            Metric(f"{name}_median_m", float(np.median(plain)), "m"),
+            Metric(f"{name}_p95_m", np.percentile(plain, 95), "m"),
+            Metric(f"{name}_within_20mm", float(np.mean(plain < 0.02)), "1"),
+            Metric(f"{name}_link_correct", column[f"{name}_link_right"].mean(), "1"),
+            Metric(f"{name}_force_error_relative_median", np.median(column[f"{name}_force_error"]), "1"),
+        ]
     return [
         *result,
-        Metric("baseline_median_m", float(np.median(plain)), "m"),
-        Metric("baseline_p95_m", np.percentile(plain, 95), "m"),
-        Metric("baseline_within_20mm", float(np.mean(plain < 0.02)), "1"),
-        Metric("baseline_link_correct", column["baseline_link_right"].mean(), "1"),
-        Metric("baseline_force_error_relative_median", np.median(column["baseline_force_error"]), "1"),
         Metric("ambiguous_share", float(np.mean(column["other_weight"] > 0.1)), "1"),
         Metric("scenes", len(error) / (2 if both else 1), "1", low=min(200, scenario.count)),
         Metric("scenes_drawn", drawn, "1"),

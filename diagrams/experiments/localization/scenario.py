@@ -29,6 +29,8 @@ class ContactLocalizationScenario(PlantScenario):
     """Everything a run depends on; scenes have no time, so that `duration` is not used."""
 
     case: str = "one_camera"
+    # deg; posture about which the robot is drawn. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=list)
     # Number of scenes (≥ 1), and frames of each (≥ 1); the last one is judged.
     count: int = 204
     frames: int = 8
@@ -60,7 +62,7 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
     if case == "miscalibrated":
         scenario.extrinsic_shift, scenario.extrinsic_turn = 0.005, 0.3
     if case == "hidden":
-        scenario.scenes.torque_noise = scenario.fusion.torque_sigma = 0.05
+        scenario.scenes.torque_noise = 0.05
     if case == "two_contacts":
         scenario.count = 105
     return scenario
@@ -68,7 +70,8 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
 
 def build_scenes(scenario: ContactLocalizationScenario) -> ContactScenes:
     """Return robot, hands and cameras."""
-    return ContactScenes(scenario.known(scenario.loaded()), scenario.cameras, scenario.scenes, scenario.seed)
+    robot = scenario.known(scenario.loaded(scenario.home))
+    return ContactScenes(robot, scenario.cameras, scenario.scenes, scenario.seed)
 
 
 def believed_cameras(scenario: ContactLocalizationScenario, rng: np.random.Generator) -> list[CameraParameters]:

@@ -42,6 +42,8 @@ class ManipulatorParameters:
     turn_deg: float = 60.0
     # Frame that follows the reference. Empty: the last link that a revolute joint moves.
     end_effector: str = ""
+    # Whether the test points are those of Section 3, for the LWR4, or follow from the arm's chain.
+    published_points: bool = True
     # m, world; obstacle points. Empty: two, beside where the arm would go (`obstacles_beside`).
     obstacles: list[list[float]] = field(default_factory=list)
     # m; distance that every test point keeps.
@@ -57,14 +59,16 @@ class ManipulatorParameters:
             raise ParameterError("obstacles", f"needs points of three finite coordinates, got {self.obstacles}")
 
 
-def points_along(robot: RobotModel, end_effector: str, d_min: float, c: float, count: int = 8) -> tuple[TestPoint, ...]:
+def points_along(
+    robot: RobotModel, end_effector: str, d_min: float, c: float, count: int = 8, published: bool = True
+) -> tuple[TestPoint, ...]:
     """Return test points along a robot's chain.
 
-    Those of Section 3 for the LWR4; for others, the last `count` of: the places of the joints, the end effector, and
-    the middle between two of them on links longer than 0.25 m.
+    Those of Section 3 if published and the robot has their frames; otherwise the last `count` of: the places of the
+    joints, the end effector, and the middle between two of them on links longer than 0.25 m.
     """
     names = {point.frame for point in ARM_POINTS}
-    if names <= set(robot.link_names):
+    if published and names <= set(robot.link_names):
         return tuple(TestPoint(p.name, p.frame, p.p_FC, d_min, c) for p in ARM_POINTS)
     tree, points = robot.tree, []
     link, X_LF = robot.frame(end_effector)
@@ -106,7 +110,7 @@ def manipulator_job(robot: RobotModel, params: ManipulatorParameters) -> NmpcJob
     turned[0] = np.clip(start[0] + np.deg2rad(params.turn_deg), robot.q_min[0], robot.q_max[0])
     goal = _posture(robot, params.goal_deg, turned)
     tip = params.end_effector or last_link(robot)
-    points = points_along(robot, tip, params.d_min, params.c)
+    points = points_along(robot, tip, params.d_min, params.c, published=params.published_points)
     pose = pose_of(robot, tip, goal)
     obstacles = np.array(params.obstacles, dtype=float).reshape(-1, 3)
     if len(obstacles) == 0:

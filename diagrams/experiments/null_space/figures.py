@@ -22,7 +22,10 @@ def comparison(runs: Mapping[str, Run], title: str) -> Figure:
         ("Task error with an observer", "‖x̃‖ [mm]"),
         ("Contact force", "‖F‖ [N]"),
         ("Elbow displacement", "distance [mm]"),
-        ("External torque as the task feels it, estimated and true (dotted)", r"$\Vert J_M^{\#T} \tau \Vert$ [N]"),
+        (
+            "External torque as the task feels it, estimated and true (dotted)",
+            r"$\Vert J_M^{\mathrm{\#}T} \tau \Vert$ [N]",
+        ),
     )
     for ax, (head, label) in zip(axes, heads):
         ax.set_title(head, loc="left")
@@ -49,7 +52,7 @@ def disturbed(conditions: Mapping[str, Mapping[str, Run]], title: str) -> Figure
         row[0].set_title(f"{name}: task error", loc="left")
         row[0].set_ylabel("‖x̃‖ [mm], log")
         row[1].set_title(f"{name}: estimated and contact alone (dotted)", loc="left")
-        row[1].set_ylabel(r"$\Vert J_M^{\#T} \tau \Vert$ [N]")
+        row[1].set_ylabel(r"$\Vert J_M^{\mathrm{\#}T} \tau \Vert$ [N]")
         for (case, run), color in zip(runs.items(), CYCLE):
             row[0].semilogy(run.log.time, np.maximum(1e3 * run.error(), SMALLEST), color=color, label=case)
             estimate(row[1], run, case, {"color": color, "label": case})

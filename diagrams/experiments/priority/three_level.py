@@ -32,6 +32,11 @@ Array = NDArray[np.float64]
 class ThreeLevelParameters:
     """Job and surroundings; assumed."""
 
+    # deg; posture at the start. Empty: the model's own home posture.
+    home: list[float] = field(default_factory=list)
+    # End effector that follows the path, and frame whose origin is the elbow.
+    tip: str = "link_7"
+    elbow_frame: str = "link_4"
     # Frames whose origins keep clear of the person.
     guarded: list[str] = field(default_factory=lambda: ["link_4", "link_5", "link_6", "link_7"])
     # m; radius of the arm at those points plus that of the person's hand or elbow.
@@ -108,7 +113,7 @@ class ThreeLevelJob(NamedTuple):
 
 def three_level_job(robot: RobotModel, params: ThreeLevelParameters, seed: int) -> ThreeLevelJob:
     """Return the stack and the person of a seed; the person starts clear of the arm."""
-    link, X_LF = robot.frame("link_7")
+    link, X_LF = robot.frame(params.tip)
     p_home = robot.kinematics(robot.home).position(link, X_LF.translation())
     distances = [
         Bound(
@@ -120,10 +125,10 @@ def three_level_job(robot: RobotModel, params: ThreeLevelParameters, seed: int) 
         for target in range(2)
     ]
     low, high = params.elbow
-    elbow = Bound(plane_distance(robot, "link_4", [0.0, 1.0, 0.0]), low, high, params.elbow_buffer)
+    elbow = Bound(plane_distance(robot, params.elbow_frame, [0.0, 1.0, 0.0]), low, high, params.elbow_buffer)
     levels: list[Level] = [
         [*joint_limits(robot, params.limit_margin, params.limit_buffer), *distances],
-        position_task(robot, "link_7", gain=params.gain),
+        position_task(robot, params.tip, gain=params.gain),
         [elbow],
     ]
     for attempt in range(100):

@@ -90,7 +90,8 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
 
 def add_three_level_signals(cell: ThreeLevelCell, log: Log) -> None:
     """Add to a log what follows from the positions: clearance of every pair, end effector, elbow."""
-    job, links = cell.job, (cell.job.robot.link_index("link_4"), cell.job.robot.link_index("link_7"))
+    job = cell.job
+    links = [job.robot.frame(name)[0] for name in (job.params.elbow_frame, job.params.tip)]
     persons = log["person"].reshape(-1, 2, 6)
     log.add("clearance", [clearances(job.robot, job.params, q, o) for q, o in zip(log["position"], persons)], "m")
     poses = [evaluate_dynamics(job.robot, q, np.zeros(job.robot.n)).p_WL for q in log["position"]]
@@ -135,10 +136,9 @@ def drake_three_level(cell: ThreeLevelCell, log: Log) -> list[Metric]:
     job, stack = cell.job, cell.controller.stack
     robot, params = job.robot, job.params
     period, gain = params.controller.period, params.gain
-    rows = np.array([i for i, (bound, _) in enumerate(stack.sides) if bound.component.name.startswith("link_")])
-    rows = rows[[" to target" in stack.sides[i][0].component.name for i in rows]]
+    rows = np.array([i for i, (bound, _) in enumerate(stack.sides) if " to target" in bound.component.name])
     ik = DifferentialIK(robot, period, stack.bounds[rows])
-    link = robot.link_index("link_7")
+    link = robot.frame(params.tip)[0]
     q, v = robot.home.copy(), np.zeros(robot.n)
     persons, references = log["person"].reshape(-1, 2, 6), log["reference"]
     count, unsolved = len(log.time), 0

@@ -36,31 +36,40 @@ class Worker:
             self.close()
             self._start()
         self._left -= 1
-        process = self._process
-        assert process is not None and process.stdin is not None and process.stdout is not None
-        try:
-            process.stdin.write(json.dumps(task) + "\n")
-            process.stdin.flush()
-            line = process.stdout.readline()
-        except BrokenPipeError:
-            line = ""
+        line = self._asked(json.dumps(task))
         if line:
             return Row(*json.loads(line))
         self._left = 0
-        error = f"the process died, exit status {process.wait()}"
+        error = f"the process died, exit status {self._process.wait() if self._process else None}"
         return Row(task.row, {"trial": task.number, **task.values, "met": False, "error": error}, {}, {})
 
     def _start(self) -> None:
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        # In a session of its own: an interrupt is told by us, not by its traceback.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
+            [sys.executable, "-m", MODULE], env=environment(), start_new_session=True, **pipes
         )
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(self._plan.document) + "\n")
         self._left = self._recycle
+        self._tell(json.dumps(self._plan.document))
 
-    def close(self) -> None:
-        """End the process."""
+    def _tell(self, text: str) -> None:
+        if self._process and self._process.stdin:
+            self._process.stdin.write(text + "\n")
+            self._process.stdin.flush()
+
+    def _asked(self, text: str) -> str:
+        """Send a line and return the answer; empty from a process that died."""
+        try:
+            self._tell(text)
+        except BrokenPipeError:
+            return ""
+        return self._process.stdout.readline() if self._process and self._process.stdout else ""
+
+    def close(self, now: bool = False) -> None:
+        """End the process: after its trial, or now."""
         if self._process is not None:
+            if now:
+                self._process.kill()
             self._process.communicate()
         self._process = None
 
@@ -86,8 +95,8 @@ def run_local(plan: Plan, tasks: Iterable[Task], workers: int, recycle: int = RE
             free.put(worker)
 
     pool = ThreadPoolExecutor(workers)
+    tasks, under_way = iter(tasks), set[Future[Row]]()
     try:
-        tasks, under_way = iter(tasks), set[Future[Row]]()
         while True:
             under_way |= {pool.submit(run, task) for task in islice(tasks, workers - len(under_way))}
             if not under_way:
@@ -95,9 +104,10 @@ def run_local(plan: Plan, tasks: Iterable[Task], workers: int, recycle: int = RE
             done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
             yield from (future.result() for future in done)
     finally:
-        pool.shutdown(cancel_futures=True)
+        busy = bool(under_way)  # interrupted
         for worker in every:
-            worker.close()
+            worker.close(now=busy)
+        pool.shutdown(cancel_futures=True)
 
 
 def run_ray(plan: Plan, tasks: Iterable[Task], address: str, workers: int, recycle: int = RECYCLE) -> Iterator[Row]:

@@ -70,6 +70,7 @@ class Instant(NamedTuple):
     stamp: float  # s
     motion: Kinematics  # at rest
     r: Array | None = None  # (n,) residual, Nm
+    sigma: Array | None = None  # (n,) its deviation where it was measured, Nm
 
     @property
     def R_WL(self) -> Array:

@@ -38,8 +38,10 @@ class ContactForces:
         if len(modes) == 1:
             return force_in_cone(J[0], at.r, inward[0], p.friction, p.rcond)[None]
         lasting, _ = self._lasting(memory, modes)
-        sigma = np.hypot(p.torque_sigma, p.usual_force * p.vision_sigma)  # noise, and the points' own deviation
-        return expected_forces_in_cones(J, at.r, inward, lasting, sigma, p.force_along, p.force_across, p.friction)[0]
+        s = self._deviations(at, 1.0)
+        return expected_forces_in_cones(
+            J / s, np.asarray(at.r) / s, inward, lasting, 1.0, p.force_along, p.force_across, p.friction
+        )[0]
 
     def pair(self, memory: FusionMemory, seen: Sequence[Mode], at_anchors: Sequence[Mode], single: Mode) -> list[Mode]:
         """Return two seen contacts if they explain the mean residual much better together than any one alone.
@@ -76,12 +78,15 @@ class ContactForces:
         p = self._params
         J, inward = self._jacobians(memory.frames[-1], modes)
         weight = memory.weights(p.memory)
-        sigma = p.torque_sigma * np.sqrt(1.3 * np.sum(weight**2)) / np.sum(weight)
-        sigma = np.hypot(sigma, p.usual_force * p.vision_sigma)
+        s = self._deviations(memory.frames[-1], np.sqrt(1.3 * np.sum(weight**2)) / np.sum(weight))
         mean = weight @ np.array([at.r for at in memory.frames]) / np.sum(weight)
         return expected_forces_in_cones(
-            J, mean, inward, p.usual_force * inward, sigma, p.usual_along, p.usual_across, p.friction
+            J / s, mean / s, inward, p.usual_force * inward, 1.0, p.usual_along, p.usual_across, p.friction
         )
+
+    def _deviations(self, at: Instant, noise: float) -> Array:
+        """Return the deviations (n,) of the residual's noise and of the points together, over the residual's own."""
+        return np.asarray(np.hypot(noise, self._params.usual_force * self._params.vision_sigma / np.asarray(at.sigma)))
 
 
 def in_world(at: Instant, mode: Mode) -> Array:

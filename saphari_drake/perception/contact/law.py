@@ -14,6 +14,7 @@ ones raised to a power below one. A force that lasts counts once, not anew in ea
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from saphari_drake.perception.contact.candidates import rounded, surface_candida
 from saphari_drake.perception.contact.forces import ContactForces, in_world
 from saphari_drake.perception.contact.parameters import FusionParameters
 from saphari_drake.perception.contact.places import Place, View
+from saphari_drake.perception.contact.pointing import Ray, limb_ray, limb_rays, ray_costs
 from saphari_drake.perception.contact.refinement import Start, refine
 from saphari_drake.perception.contact.values import NOTHING, Evidence, Fusion, FusionMemory, Mode
 from saphari_drake.robots.model import RobotModel
@@ -53,7 +55,7 @@ class ContactFusionLaw:
         s = robot.shapes
         self._rounded = rounded(s)
         self._shapes = Primitives(s.kind, s.size, s.link, s.R_LS, s.p_LS)
-        self._model = kernels.ForceModel(params.torque_sigma, params.force_scale, params.friction, 0.4 * c.spacing)
+        self._model = kernels.ForceModel(1.0, params.force_scale, params.friction, 0.4 * c.spacing)
         self._steps = c.spacing * np.array([0.5, 0.2, 0.08])
 
         self._compile()
@@ -68,6 +70,9 @@ class ContactFusionLaw:
         depth.flags.writeable = False  # as views have it
         kernels.share_free(x, x, depth, pinhole(CameraParameters(8, 8)), np.eye(3), np.zeros(3))
         kernels.nearest_distances(x, x, 0.01, *np.ones((3, 1), np.float32))
+        s = robot.shapes
+        limb_ray(Primitives(s.kind, s.size, s.link, s.R_LS, s.p_LS), rng.normal(size=(40, 3)) * [0.01, 0.01, 0.1])
+        self._ray_cost(x, x, Ray(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2, 0.03))
         link, normal = int(self.candidates.link[-1]), np.ones(3) / np.sqrt(3.0)
         ends = [Mode(link, sign * normal, normal, 0.0, True, 0.0, 0.01) for sign in (1.0, -1.0)]
         self._forces.pair(memory, ends, ends, ends[0])
@@ -77,22 +82,32 @@ class ContactFusionLaw:
         return FusionMemory(*np.zeros((3, len(self.candidates.link))))
 
     def felt(self, at: Instant) -> bool:
-        """Whether the residual is more than noise."""
-        return at.felt(self.params.felt * self.params.torque_sigma)
+        """Whether the residual of an instant in its deviations is more than noise."""
+        return at.felt(self.params.felt)
+
+    def in_deviations(self, at: Instant) -> Instant:
+        """Return an instant with residual and joint axes over the residual's deviation.
+
+        Jacobians are then over it too, and forces stay in N.
+        """
+        n, r = self.robot.n, at.r
+        sigma = np.full(n, self.params.torque_sigma) if at.sigma is None else at.sigma
+        motion = replace(at.motion, S=at.motion.S / sigma[:, None])
+        return at._replace(motion=motion, r=np.zeros(n) if r is None else r / sigma, sigma=sigma)
 
     def evidence(self, at: Instant, views: Sequence[View] = ()) -> Evidence:
         """Weigh one instant with its residual (zero if there is none), and what the cameras with a frame show of it."""
-        c, r = self.candidates, np.zeros(self.robot.n) if at.r is None else at.r
-        at = at._replace(r=r)
+        c, at = self.candidates, self.in_deviations(at)
         seen = tuple(place for view in views for place in view.places if place.distance < view.gate)
         if not self.felt(at):
             nothing = np.zeros(len(c.link))
-            return Evidence(at, nothing, nothing, nothing, seen)
+            return Evidence(at, nothing, nothing, nothing, seen, ())
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
-        misfit, spread = kernels.residual_costs(self.robot.tree.parent, at.motion.S, c.link, x, a, r, self._model)
-        return Evidence(at, misfit, spread, self.vision_cost(x, a, views), seen)
+        misfit, spread = kernels.residual_costs(self.robot.tree.parent, at.motion.S, c.link, x, a, at.r, self._model)
+        rays = tuple(ray for view in views for ray in limb_rays(view))
+        return Evidence(at, misfit, spread, self.vision_cost(x, a, views, rays), seen, rays)
 
-    def vision_cost(self, x: Array, a: Array, views: Sequence[View]) -> Array:
+    def vision_cost(self, x: Array, a: Array, views: Sequence[View], rays: Sequence[Ray] = ()) -> Array:
         """Return what a contact costs at surface points x with inward normals a (m, 3), by what the cameras see."""
         p, free = self.params, np.zeros(len(x))
         if not views:
@@ -105,7 +120,14 @@ class ContactFusionLaw:
         cloud = points[:: len(points) // _CLOUD + 1].astype(np.float32).T.copy()
         distance = kernels.nearest_distances(x, a, 0.01, *cloud)
         alone = np.clip((distance - p.free_from) / (p.free_to - p.free_from), 0.0, 1.0)
-        return np.minimum((distance / p.person_scale) ** 2, p.person_cost) + p.free_cost * free * alone
+        away = np.minimum((distance / p.person_scale) ** 2, p.person_cost)
+        if rays:
+            away = np.mean([self._ray_cost(x, a, ray) for ray in rays], axis=0)
+        return away + p.free_cost * free * alone
+
+    def _ray_cost(self, x: Array, a: Array, ray: Ray) -> Array:
+        p = self.params
+        return ray_costs(x, a, *ray, p.ray_sigma, p.ray_bend, p.person_cost)
 
     def remember(self, memory: FusionMemory, new: Evidence) -> FusionMemory:
         """Return the memory with a frame added; one without a felt contact forgets those before."""
@@ -119,6 +141,7 @@ class ContactFusionLaw:
             (old * memory.weight * memory.vision_cost + new.vision_cost) / weight,
             (*memory.frames[first:], new.at),
             (*memory.seen[first:], new.seen),
+            new.rays,
             weight,
         )
 
@@ -133,7 +156,7 @@ class ContactFusionLaw:
             return Fusion(chosen, None, 0.0, self._forces.forces(memory, chosen))
         penalty = p.unseen_cost if seen else 0.0
         cost = memory.misfit + memory.spread * (1.0 + p.again * (memory.weight - 1.0)) + memory.vision_cost + penalty
-        grid = self._grid_modes(at, cost, memory.vision_cost + penalty)
+        grid = self._grid_modes(memory, cost, memory.vision_cost + penalty)
         least = min(mode.cost for mode in (*seen, *grid)) + _HOPELESS
         kept = [mode for mode in grid if mode.cost < least]
         modes = [*seen, *self._refined(memory, kept), *(mode for mode in grid if mode.cost >= least)]
@@ -145,6 +168,14 @@ class ContactFusionLaw:
         anchors = [self._at_anchor(mode) for mode in seen]
         chosen = (self._forces.pair(memory, seen, anchors, best) if len(seen) > 1 else []) or [best]
         return Fusion(chosen, second, weight, self._forces.forces(memory, chosen))
+
+    def explains(self, memory: FusionMemory, fusion: Fusion) -> bool:
+        """Whether the forces explain the newest residual, up to its noise and a small share of it."""
+        at = memory.frames[-1]
+        left = np.asarray(at.r) - sum(at.jacobian(m.link, m.p_L).T @ F for m, F in zip(fusion.modes, fusion.forces))
+        return bool(
+            np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(np.asarray(at.r))
+        )
 
     def _seen(self, memory: FusionMemory) -> list[Mode]:
         """Return a refined mode for each place where the newest frame sees the person on the surface."""
@@ -171,15 +202,30 @@ class ContactFusionLaw:
             and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
         ]
 
-    def _grid_modes(self, at: Instant, cost: Array, prior: Array) -> list[Mode]:
+    def _grid_modes(self, memory: FusionMemory, cost: Array, prior: Array) -> list[Mode]:
         """Return the best candidates that lie apart from one another."""
-        c = self.candidates
-        x, _ = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
+        c, at = self.candidates, memory.frames[-1]
+        x, a = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
         chosen = kernels.best_apart(cost, x, int(self.params.modes), self.params.mode_distance)
-        return [
+        modes = [
             Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf, prior=float(prior[i]))
             for i in chosen
         ]
+        if not memory.rays:
+            return modes
+        return [self._on_ray(mode, memory, x[i : i + 1], a[i : i + 1]) for mode, i in zip(modes, chosen)]
+
+    def _on_ray(self, mode: Mode, memory: FusionMemory, x: Array, a: Array) -> Mode:
+        """Return a mode at x with inward normal a (1, 3) that lies ahead of a limb as one that is bound to its axis."""
+        p, at = self.params, memory.frames[-1]
+        costs = [float(self._ray_cost(x, a, ray)[0]) for ray in memory.rays]
+        ray, cost = memory.rays[int(np.argmin(costs))], min(costs)
+        ahead = float((x[0] - ray.end) @ ray.u)
+        if ahead <= 0.0 or cost >= p.person_cost:
+            return mode
+        anchor = at.motion.in_link(mode.link, ray.end + ahead * ray.u)
+        sigma, along = p.ray_sigma + p.ray_bend * ahead, at.R_WL[mode.link].T @ ray.u
+        return mode._replace(anchor=anchor, sigma=sigma, ray=along, prior=max(mode.prior - cost / len(costs), 0.0))
 
     def _refined(self, memory: FusionMemory, modes: Sequence[Mode]) -> list[Mode]:
         """Return modes at the points of their links where they cost least, with their priors in the cost."""
@@ -187,7 +233,7 @@ class ContactFusionLaw:
         window, result = memory.window(_GROUP, p.memory), []
         for mode in modes:
             anchor = mode.p_L if mode.anchor is None else mode.anchor
-            start = Start(mode.link, mode.p_L, mode.n_L, anchor, mode.sigma)
+            start = Start(mode.link, mode.p_L, mode.n_L, anchor, mode.sigma, mode.ray)
             p_L, n_L, cost = refine(
                 parent, window, self._shapes, self._rounded.size, start, model, p.again, self._steps
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.messages import CameraStatus, Immutable
 from saphari_drake.perception.camera.frames import DepthFrames, Instant, Samples, instant, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.perception.contact.finding import ContactFinder, Found
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.perception.contact.places import Place, PlaceFinder, View
-from saphari_drake.perception.contact.ways import Fusing, Tracking
 from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_outputs
@@ -56,7 +56,7 @@ class _Memory(Immutable):
     residuals: Samples = ()  # empty if no residual is connected
     cameras: tuple[_Camera, ...] = ()
     stamp: float = -np.inf  # s, of the newest frame
-    known: Any = None  # what the way to the contact remembers
+    known: Found = ContactFinder.nothing
 
     @property
     def status(self) -> CameraStatus:
@@ -75,6 +75,7 @@ class ContactLocalizer(LeafSystem):
         - depth_image
         - image_time
         - torque_external
+        - torque_noise
         output_ports:
         - contact_point
         - camera_status
@@ -92,22 +93,21 @@ class ContactLocalizer(LeafSystem):
     image_time : 1 (s), the time at which that image was taken; a change says that a frame has arrived.
     torque_external : n (Nm), optional, from `MomentumObserver`; positive along the torque that the person causes. One
         that is not finite counts as none.
-    contact_point : abstract `ContactPoint`; its distance is infinite where no camera sees the person there.
+    torque_noise : n (Nm), optional, measured standard deviation of torque_external; counts where it is finite and above
+        that of the parameters.
+    contact_point : abstract `ContactPoint`; its distance is zero where no camera sees the person there.
     camera_status : 1, the worst `CameraStatus` of all cameras, as a number.
     human_points : abstract (k, 3) array, points of the person in the world (m) in the last frames.
-    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen; this and the
-        rest with `fusion` only.
+    second_contact_point : abstract `ContactPoint`, found only while two contacts are felt and seen.
     contact_force, second_contact_force : 3 (N, world), of the person on the robot, inside the friction cone.
     other_mode : abstract `ContactPoint`, the best explanation at another place.
     other_mode_weight : 1, its probability against that of the contact (0–0.5): near 0.5 the contact is ambiguous.
 
     Every `period` posture and residual are remembered; when frames have arrived, those of the newest frame's own time
     stamp pose the robot. It and the static background are removed from the images, and the rest is explained as
-    something thin or as a limb that touches (`PlaceFinder`). What is seen then makes the contact point,
-
-    - without `fusion` by `Tracking`: the camera that sees the person nearest counts, smoothed over frames, and
-      the residual may correct and veto. A contact that no camera sees is not found.
-    - with `fusion` by `Fusing`: cameras and residual together, seen or hidden, with forces.
+    something thin or as a limb that touches (`PlaceFinder`). The camera that sees the person nearest counts, smoothed
+    over frames, and the residual may correct and veto (`ContactTracker`). A touch that is felt but not seen is where
+    cameras and residual together explain it best, with the force (`ContactFusionLaw`); both by `ContactFinder`.
 
     A camera that is not OK is left out: its frames are late or of another size, hold almost no reading, or belong to a
     posture that is not finite. With none that is OK, no contact is found.
@@ -123,7 +123,7 @@ class ContactLocalizer(LeafSystem):
     poses : sequence of RigidTransform, optional
         Pose X_WC of each camera where it is known better than from its parameters, see `check_camera`.
     fusion : FusionParameters, optional
-        Finds hidden contacts and forces too.
+        Of hidden contacts and of forces.
     period : float
         Time between looks at the inputs (s).
 
@@ -157,11 +157,13 @@ class ContactLocalizer(LeafSystem):
             PlaceFinder(RobotFilter(robot.shapes, *entry[:1], self._params, *entry[1:]), self._params)
             for entry in zip(cameras, backgrounds, poses)
         ]
-        self._way = Tracking(robot, self._params) if fusion is None else Fusing(robot, fusion)
+        self._way = ContactFinder(robot, self._params, fusion or FusionParameters())
+        self._least_noise = self._way.torque_sigma
         self._kept = int(np.ceil(self._params.memory / period)) + 1
         self._frames = DepthFrames(self, robot, cameras)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
-        nothing = _Memory(known=self._way.nothing)
+        self._noise = self.DeclareVectorInputPort("torque_noise", BasicVector(robot.n))
+        nothing = _Memory()
         self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         self._declare_outputs(nothing)
@@ -209,7 +211,7 @@ class ContactLocalizer(LeafSystem):
         if not stamps:
             return replace(memory, cameras=tuple(cameras))
         newest = max(stamps.values())
-        at, views = self._instant(memory, newest), []
+        at, views = self._instant(context, memory, newest), []
         for k, stamp in stamps.items():
             sample, repeats = cameras[k].repeated(self._frames.depth(context, k))
             frozen, view = 0 < self._params.frozen_frames <= repeats, self._look(context, k, at)
@@ -224,10 +226,14 @@ class ContactLocalizer(LeafSystem):
         places = [camera.places for camera in memory.cameras]
         return replace(memory, known=self._way.after(memory.known, views, at, places))
 
-    def _instant(self, memory: _Memory, stamp: float) -> Instant:
+    def _instant(self, context: Context, memory: _Memory, stamp: float) -> Instant:
         """Return the robot at a time, with the residual if there is one."""
         r = sample_at(memory.residuals, stamp) if memory.residuals else np.full(self._robot.n, np.nan)
-        return instant(self._robot, stamp, sample_at(memory.postures, stamp), r if np.isfinite(r).all() else None)
+        at = instant(self._robot, stamp, sample_at(memory.postures, stamp), r if np.isfinite(r).all() else None)
+        if not self._noise.HasValue(context):
+            return at
+        noise = self._noise.Eval(context)
+        return at._replace(sigma=np.where(np.isfinite(noise), np.maximum(noise, self._least_noise), self._least_noise))
 
     def _look(self, context: Context, k: int, at: Instant) -> View | None:
         """Return what a camera's frame shows, if it can be used."""

@@ -88,6 +88,11 @@ class FusionParameters:
     rcond: float = 0.02
     # Norm of the residual above which a contact is felt (deviations of one joint, > 0).
     felt: float = 5.0
+    # A hidden contact is given if its force leaves no more of the residual than noise and this share (0–1), once the
+    # weights of the frames add up to so much (≥ 1), and while the best other place has no more than this probability.
+    unexplained: float = 0.1
+    least_weight: float = 1.8
+    ambiguous: float = 0.25
     # Deviation of a point that the cameras see (m, > 0): of a fine one, its growth with the width of what touches, and
     # that of a fitted limb (m, > 0).
     vision_sigma: float = 0.003
@@ -105,6 +110,10 @@ class FusionParameters:
     # Distance from the person's visible parts that costs 1 (m, > 0), and the most that distance costs (≥ 0).
     person_scale: float = 0.06
     person_cost: float = 12.0
+    # Deviation of a contact from the axis of the limb that is seen (m, > 0), and its growth with the way ahead of its
+    # end (rad, > 0): a wrist bends. It counts instead of the distance where the limb is seen to be long. Assumed.
+    ray_sigma: float = 0.012
+    ray_bend: float = 0.2
     # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
     mode_distance: float = 0.05
     modes: int = 3
@@ -130,16 +139,16 @@ class FusionParameters:
         require_positive(
             self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near",
             "far",
-            "free_from", "free_to", "person_scale", "mode_distance", "modes", "frames",
+            "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
             "second_distance", "usual_along", "usual_across", "force_along", "force_across",
         )  # fmt: skip
         require_non_negative(
-            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force", "second_cost"
-        )
-        if not 0.0 <= self.memory <= 1.0:
-            raise ParameterError("memory", f"must lie in 0–1, got {self.memory}")
-        if not 0.0 <= self.again <= 1.0:
-            raise ParameterError("again", f"must lie in 0–1, got {self.again}")
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force",
+            "second_cost", "unexplained", "least_weight",
+        )  # fmt: skip
+        for name in ("memory", "again", "ambiguous"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ParameterError(name, f"must lie in 0–1, got {getattr(self, name)}")
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
         if self.free_to <= self.free_from:

@@ -24,6 +24,8 @@ _MOST = 5.0  # deviations that count
 _MOST_GAP = 2.0  # deviations; a limb that is farther from touching does not touch
 # Radii inside the limb's extent from which, and from which on surely, it touches along its side; the cost of no limb.
 _SIDE, _SIDE_COST = (0.3, 1.0), 16.0
+# Ways ahead of a limb's end (m) at which something that lies so much nearer than the limb (m) hides what comes there.
+_AHEAD, _BEHIND = (0.02, 0.04, 0.06), 0.02
 
 
 class Place(NamedTuple):
@@ -154,7 +156,7 @@ class PlaceFinder:
             )
             explanations = [_Seen(link, distance, p_CT, n_C, np.inf, 0.0)]
             if distance < p.limb_distance:
-                explanations = self._with_limb(explanations[0], readings.point, p_C, width, shapes)
+                explanations = self._with_limb(explanations[0], readings.point, p_C, width, shapes, depth)
             for seen in explanations:
                 R_LW = R_WL[seen.link].T
                 R_LC = R_LW @ camera.R_WC
@@ -166,8 +168,13 @@ class PlaceFinder:
             readings = away_from(readings, p_C, apart)
         return View(camera, person, places, p.gate)
 
-    def _with_limb(self, thin: _Seen, readings: Array, p_C: Array, width: float, shapes: Primitives) -> list[_Seen]:
-        """Return the explanation as something thin, and that as a limb around p_C if one suits the readings."""
+    def _with_limb(
+        self, thin: _Seen, readings: Array, p_C: Array, width: float, shapes: Primitives, depth: Depth
+    ) -> list[_Seen]:
+        """Return the explanation as something thin, and that as a limb around p_C if one suits the readings.
+
+        What is seen of a limb may end because it goes on behind something: then it does not touch where it ends.
+        """
         p = self.params
         cloud = readings_around(readings, p_C, p.limb_reach, _LIMB_READINGS)
         if len(cloud) < p.component:
@@ -179,9 +186,25 @@ class PlaceFinder:
         gap = d - limb.radius
         if abs(gap) > _MOST_GAP * p.limb_gap or np.sum((p_CT - p_C) ** 2) > p.limb_reach**2:
             return [thin]
+        if self._goes_on_behind(limb, p_CT, depth):
+            return [thin]
         along = float((p_C - limb.c) @ limb.u)
         inside = min(along - limb.first, limb.last - along) / limb.radius
         cost, thin_cost = shape_costs(width / limb.radius, inside, gap / p.limb_gap)
         kind, size, links, R_CS, p_CS = shapes
         _, _, p_CT, n_C = nearest_surface_point(kind, size, R_CS, p_CS, links == link, p_CT)
         return [thin._replace(cost=thin_cost), _Seen(link, max(gap, 0.0), p_CT, n_C, abs(gap), cost)]
+
+    def _goes_on_behind(self, limb: Limb, p_CT: Array, depth: Depth) -> bool:
+        """Whether a limb that touches with its end, at p_CT, is lost to view there behind something nearer."""
+        along, pinhole = float((p_CT - limb.c) @ limb.u), self.camera.pinhole
+        if limb.first + _SIDE[0] * limb.radius < along < limb.last - _SIDE[0] * limb.radius:
+            return False
+        end, outward = (limb.first, -1.0) if along < 0.5 * (limb.first + limb.last) else (limb.last, 1.0)
+        nearer = 0
+        for way in _AHEAD:
+            x, y, z = limb.c + (end + outward * way) * limb.u
+            column, row = int(x / z * pinhole.fx + pinhole.cx), int(y / z * pinhole.fy + pinhole.cy)
+            if 0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]:
+                nearer += 0.0 < depth[row, column] < z - limb.radius - _BEHIND
+        return nearer >= 2

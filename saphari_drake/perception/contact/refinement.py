@@ -33,6 +33,17 @@ class Start(NamedTuple):
     n_L: Array  # (3,) outward normal
     anchor: Array  # (3,) m, point that the cameras see
     sigma: float  # m, its deviation; ∞: they see none
+    ray: Array  # (3,) unit vector across which alone it is known; zero: in all directions
+
+
+@njit(cache=True)
+def _apart(p, start):
+    """Return the squared deviations of a point p (3,) from the anchor."""
+    along, total = 0.0, 0.0
+    for i in range(3):
+        along += (p[i] - start.anchor[i]) * start.ray[i]
+        total += (p[i] - start.anchor[i]) ** 2
+    return (total - along * along) / start.sigma**2
 
 
 @njit(cache=True)
@@ -81,11 +92,11 @@ def refine(parent, window, shapes, inner, start, model, again, steps):
     p_L (3,), n_L (3,), cost : the best point, its outward normal, and its cost with that of the anchor.
     """
     kind, size, links, R_LS, p_LS = shapes
-    own, link, anchor, scratch = links == start.link, start.link, start.anchor, work()
+    own, link, scratch = links == start.link, start.link, work()
     t, u = np.empty(3), np.empty(3)
     p, n = start.p_L.copy(), start.n_L.copy()
     best = window_cost(parent, window, link, p, n, model, again, scratch)
-    best += np.sum((p - anchor) ** 2) / start.sigma**2
+    best += _apart(p, start)
     for step in steps:
         for _ in range(2):
             tangents(n, t, u)
@@ -96,7 +107,7 @@ def refine(parent, window, shapes, inner, start, model, again, steps):
                 _, _, q, _ = nearest_surface_point(kind, size, R_LS, p_LS, own, trial)
                 _, _, _, m = nearest_surface_point(kind, inner, R_LS, p_LS, own, q)
                 cost = window_cost(parent, window, link, q, m, model, again, scratch)
-                cost += np.sum((q - anchor) ** 2) / start.sigma**2
+                cost += _apart(q, start)
                 if cost < best:
                     best, p, n, moved = cost, q, m, True
             if not moved:

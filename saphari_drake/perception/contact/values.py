@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from saphari_drake.messages import ContactPoint, Immutable
 from saphari_drake.perception.camera.frames import Instant
 from saphari_drake.perception.contact.places import Place
+from saphari_drake.perception.contact.pointing import Ray
 from saphari_drake.perception.contact.refinement import Window
 
 Array = NDArray[np.float64]
@@ -22,6 +23,7 @@ class Evidence(NamedTuple):
     spread: Array  # (m,) of the forces that would explain it
     vision_cost: Array  # (m,)
     seen: tuple[Place, ...]  # where a camera sees the person within its gate
+    rays: tuple[Ray, ...]  # where limbs point
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class FusionMemory(Immutable):
     vision_cost: Array  # (m,) mean with forgetting
     frames: tuple[Instant, ...] = ()
     seen: tuple[tuple[Place, ...], ...] = ()
+    rays: tuple[Ray, ...] = ()  # of the newest frame
     weight: float = 0.0  # sum of the weights of all frames
 
     def weights(self, memory: float) -> Array:
@@ -64,6 +67,7 @@ class Mode(NamedTuple):
     sigma: float = np.inf  # m, deviation of the point that a camera sees
     prior: float = 0.0  # part of the cost that the cameras alone decide
     anchor: Array | None = None  # (3,) m, the point that the cameras see, in the link's frame
+    ray: Array = np.zeros(3)  # (3,) unit in the link's frame; only deviations across it count. Zero: all
 
 
 class Fusion(NamedTuple):

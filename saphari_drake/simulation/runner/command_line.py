@@ -73,6 +73,7 @@ which keeps the log so far. Timing figures (*_ms_*) never decide.""",
     add("--out", type=_path, metavar="DIR", help="write metrics, log, figure, replay and scenario to DIR/CASE")
     also: dict[str, Any] = {"action": "append_const", "dest": "also", "default": []}
     add("--mcap", const="mcap", help="write run.mcap too, for Foxglove or Rerun (extra 'mcap')", **also)
+    add("--no-pictures", const="no-pictures", help="with --out: no figure and no replay, which can take long", **also)
     add("--gif", const="gif", help="write replay.gif too, an animated picture", **also)
     add("--meshcat", action="store_true", help="live view in a browser; prints its address")
     add("--graphviz", type=_path, metavar="FILE", help="write the block diagram (.dot, .svg, .png, .pdf) and stop")

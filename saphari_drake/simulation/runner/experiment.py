@@ -16,11 +16,13 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import atomic_path, own_folder, write_text
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
+from saphari_drake.simulation.runner.other_robot import adapted, robot_named
 from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -48,8 +50,11 @@ class Experiment:
         Runs a scenario and returns its outcome.
     build_diagram : callable, optional
         Returns the diagram of a scenario, to be drawn.
-    accepts_model : bool
-        Whether another robot may be given.
+    adapt : callable, optional
+        Fits a case's scenario to another robot, which may be given then; it raises `ModelError` for one that cannot
+        do it. What the scenario file, --set and the other options name comes after.
+    own_robot : frozenset of str
+        Cases that are of their own robot, whatever `adapt` does for the others.
     seedless : frozenset of str
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     parts : callable
@@ -62,14 +67,20 @@ class Experiment:
     scenario_for: Callable[[str], Any]
     run: Callable[[Any, RunOptions], Outcome]
     build_diagram: Callable[[Any], Diagram] | None = None
-    accepts_model: bool = False
+    adapt: Callable[[Any, RobotModel], None] | None = None
+    own_robot: frozenset[str] = frozenset()
     seedless: frozenset[str] = frozenset()
     parts: Callable[[str], Collection[str]] = lambda case: ()
 
     def __post_init__(self) -> None:
-        for case in self.seedless:
+        for case in self.seedless | self.own_robot:
             if case not in self.cases:
                 raise UnknownNameError("case", case, self.cases)
+
+    @property
+    def others(self) -> list[str]:
+        """The cases that another robot can be given to."""
+        return [case for case in self.cases if case not in self.own_robot]
 
     def described(self, case: str) -> str:
         """Return what a case is, and whether a seed changes nothing in it."""
@@ -115,7 +126,9 @@ def main(experiment: Experiment, argv: Sequence[str] | None = None) -> int:
 
 
 def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
-    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.accepts_model).parse_args(argv)
+    options = parser(experiment.name, experiment.summary, experiment.cases, experiment.adapt is not None).parse_args(
+        argv
+    )
     if options.list_cases:
         width = max(len(case) for case in experiment.cases)
         say("\n".join(f"{case:<{width}}  {experiment.described(case)}" for case in experiment.cases))
@@ -180,7 +193,7 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
 def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[Any]:
     """Return the checked scenario of every case to run, before the first of them is run."""
     tree = {} if options.scenario is None else load_tree(options.scenario)
-    cases = options.case or list(experiment.cases)
+    cases = options.case or (list(experiment.cases) if options.model is None else experiment.others)
     if "case" in tree:
         if options.case not in (None, [tree["case"]]):
             raise ParameterError("--case", f"{options.scenario} is a scenario of case '{tree['case']}'")
@@ -192,17 +205,21 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         name: getattr(options, name) for name in ("seed", "duration", "plant") if getattr(options, name) is not None
     }
     if options.model is not None:
-        if not experiment.accepts_model:
+        for case in set(cases) & experiment.own_robot:
+            raise ParameterError(
+                "--model", f"case {case} is of its own robot; another one takes {', '.join(experiment.others)}"
+            )
+        if experiment.adapt is None:
             raise ParameterError("--model", "this experiment runs with its own robot only")
         if not options.model.is_file():
             raise ParameterError("--model", f"no file '{options.model}'")
         given["robot"] = str(options.model.resolve())
     scenarios = []
     for case in dict.fromkeys(cases):
-        scenario = merged(experiment.scenario_for(case), tree)
-        if options.model is not None and hasattr(scenario, "home") and "home" not in tree:
-            scenario.home = []  # the case's posture is that of the case's robot
-        scenario = with_assignments(merged(scenario, given), options.set)
+        known = [text for text in options.set if text.startswith("model.")]  # of the robot, which it takes to load it
+        scenario = with_assignments(experiment.scenario_for(case), known)
+        scenario = adapted(experiment, scenario, robot_named(given, options.set, tree))
+        scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
         if not LEAST_DURATION <= scenario.duration < math.inf:

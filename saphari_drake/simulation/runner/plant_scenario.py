@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from saphari_drake.errors import ParameterError
 from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.parameters import require_choice
-from saphari_drake.robots import catalog
+from saphari_drake.robots.arm_file import load_arm
 from saphari_drake.robots.attached import ModelOptions
 from saphari_drake.robots.corrections import RobotCorrections, corrected
 from saphari_drake.robots.model import RobotModel
@@ -45,8 +45,8 @@ class PlantScenario:
             raise ParameterError("fault_time", f"must be finite, got {self.fault_time}")
 
     def loaded(self, home: ArrayLike = ()) -> RobotModel:
-        """Return the robot as its file and `model` have it; `home` in deg (m), empty: its own."""
-        return catalog.load(self.robot, home=np.deg2rad(home), options=self.model)
+        """Return the robot as its file (`load_arm`) and `model` have it; `home` in deg (m), empty: its own."""
+        return load_arm(self.robot, home=np.deg2rad(home), options=self.model)
 
     def known(self, robot: RobotModel, observer: MomentumObserverParameters | None = None) -> RobotModel:
         """Return the robot as its controllers know it, for a robot out of its file; an observer takes the friction."""

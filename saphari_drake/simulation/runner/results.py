@@ -210,18 +210,23 @@ def write_outputs(
     seed_matters: bool = True,
     also: Collection[str] = (),
 ) -> None:
-    """Write metrics.json, log.npz, figure.png and, if there is one, replay.html; `also` names mcap, gif or both."""
+    """Write metrics.json, log.npz, figure.png and, if there is one, replay.html.
+
+    `also` names mcap and gif to be written too, or no-pictures: neither figure nor replay.
+    """
     metrics, log, picture, page, run, animation = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree, seed_matters)
     write_text(metrics, json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     outcome.log.save(log)
-    figure = outcome.draw()
-    FigureCanvasAgg(figure)
-    with atomic_path(picture) as temporary:
-        figure.savefig(temporary, dpi=150)
     for name, text in outcome.files.items():
         write_text(folder / name, text)
-    if outcome.replay is not None:
+    pictures = "no-pictures" not in also
+    if pictures:
+        figure = outcome.draw()
+        FigureCanvasAgg(figure)
+        with atomic_path(picture) as temporary:
+            figure.savefig(temporary, dpi=150)
+    if pictures and outcome.replay is not None:
         with atomic_path(page) as temporary:
             outcome.replay(temporary)
     if "gif" in also and outcome.replay is not None:

@@ -130,6 +130,8 @@ def _converted(current: Any, hint: Any, value: Any, path: str) -> Any:
 
 def _read(value: Any, kind: Any, path: str) -> Any:
     """Let Drake convert a value; a list is not made of a text's letters."""
+    if value == {} and typing.get_origin(kind) is dict:
+        return {}  # Drake would keep what is there: nothing
     holder = dataclasses.make_dataclass("Holder", [("value", kind, None)])
     try:
         if isinstance(value, str) and typing.get_origin(kind) is list:

@@ -150,7 +150,7 @@ class Ball(Body):
 
     def connect(self, builder: DiagramBuilder, cell: Cell) -> None:
         """Move the carrier along `ball_path`."""
-        _touch_one_link(cell, "ball", self.params.touch.link)
+        touch_one_link(cell, "ball", self.params.touch.link)
         carrier = builder.AddNamedSystem("carrier", TrajectorySource(ball_path(self.params), 1))
         instance = cell.plant.GetModelInstanceByName("ball")
         builder.Connect(carrier.get_output_port(), cell.plant.get_desired_state_input_port(instance))
@@ -198,10 +198,10 @@ class Wall(Body):
 
     def connect(self, builder: DiagramBuilder, cell: Cell) -> None:
         """Let it touch one link alone."""
-        _touch_one_link(cell, "wall", self.params.touch.link)
+        touch_one_link(cell, "wall", self.params.touch.link)
 
 
-def _touch_one_link(cell: Cell, name: str, link: str) -> None:
+def touch_one_link(cell: Cell, name: str, link: str) -> None:
     """Let the body of this name collide with that body of the robot alone."""
 
     def shapes(bodies: Iterable[RigidBody]) -> GeometrySet:

@@ -17,6 +17,8 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.runner.results import Metric
+from saphari_drake.simulation.runner.scenario import with_assignments
+from saphari_drake.simulation.runner.simulation import RunOptions
 
 
 @pytest.mark.parametrize("trials", [1, 7, 60, 1000])
@@ -129,3 +131,52 @@ def test_people_start_clear_of_the_arm():
         job = draw_person(scenario, number)
         assert clearances(job.robot, job.params, job.robot.home, job.person(0.0)).min() > job.params.clearance
         assert np.abs(job.robot.home - catalog.load("lwr4").home).max() > 0.05
+
+
+class Columns(dict):
+    """Columns of two trials, of any name."""
+
+    def __missing__(self, name):
+        return np.array([0.5, 1.0])
+
+
+CONTRACT = {
+    "contact_force": "force_norm_error_p95_N max_speed joint_speed_share_max wander_max_m",
+    "nmpc_manipulator": "reached_share min_distance_margin_m limit_violations torque_excess_max step_ms_p99",
+    "reverse_priority_planar": "hard_violations command_over_limit",
+    "null_space_ball": "dwell_error_max_m unstable joint_speed_share_max",
+    "skin_hand_guiding": "main_task_disturbance_p95 joint_speed_share_max",
+}
+METRICS = {
+    "contact_force": lambda script: script.force_trial_metrics(Columns(), 0.25),
+    "nmpc_manipulator": lambda script: script.manipulator_trial_metrics(Columns()),
+    "reverse_priority_planar": lambda script: script.person_metrics(Columns()),
+    "null_space_ball": lambda script: script.ball_metrics(Columns()),
+    "skin_hand_guiding": lambda script: script.guiding_metrics(Columns()),
+}
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_the_names_are_those_agreed(name):
+    find_experiment(name)
+    names = {metric.name for metric in METRICS[name](sys.modules[f"script_{name}"])}
+    assert names >= {*CONTRACT[name].split(), "joint_speed_share_max", "torque_excess_max", "meets_all_share"}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("nmpc_manipulator", ["duration=0.3"]),
+        ("reverse_priority_planar", ["duration=0.2"]),
+        ("null_space_ball", ["duration=1.2", *(f"system.cell.ball.{text}" for text in
+                             ("start=0.05", "gap=0.005", "speed=0.2", "stroke=0.01", "dwell=0.6"))]),
+    ],
+)  # fmt: skip
+def test_a_short_trial_runs_and_is_judged(name, settings):
+    experiment = find_experiment(name)
+    scenario = with_assignments(experiment.scenario_for("random"), ["trial=1", *settings])
+    outcome = experiment.outcome(scenario, RunOptions())
+    values = {metric.name: metric.value for metric in outcome.metrics}
+    assert values["trials"] == 1.0 and 0.0 <= values["joint_speed_share_max"] < 1.5
+    assert np.all(np.isfinite(list(values.values())))
+    assert outcome.files["failures.txt"] or values["meets_all_share"] == 1.0

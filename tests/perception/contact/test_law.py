@@ -106,9 +106,10 @@ def test_refined_point_costs_no_more_than_any_near_it(law):
             spread = np.linalg.slogdet(H * (p.force_scale / p.torque_sigma) ** 2)[1]
             return total + spread * (1.0 + p.again * (np.sum(weight) - 1.0))
 
+        model = ForceModel(p.torque_sigma, p.force_scale, p.friction, 0.0)
         found, normal, least = refine(
             terms.parent, Window(S, R_WL, p_WL, frames, weight), law._shapes, law._rounded.size,
-            Start(link, c.p_L[k], c.n_L[k], anchor, 0.005), law._model._replace(cell=0.0), p.again, law._steps,
+            Start(link, c.p_L[k], c.n_L[k], anchor, 0.005, np.zeros(3)), model, p.again, law._steps,
         )  # fmt: skip
         assert least == pytest.approx(cost(found, normal), rel=1e-6, abs=1e-3)
         assert least <= cost(c.p_L[k], c.n_L[k]) + 1e-6
@@ -175,6 +176,27 @@ def test_two_explanations_are_reported_as_ambiguous(law):
     result = law.decide(law.remember(law.empty(), evidence(law, law.robot.home, r)))
     assert result.second is not None
     assert result.second_weight > 0.02
+
+
+def test_residual_counts_by_its_measured_deviation(law):
+    """All alike, it is that of the parameters; a joint that is known to be bad is not believed."""
+    k = int(np.flatnonzero(law.candidates.link == 5)[20])
+    _, _, r = push(law, law.robot.home, k)
+    there = instant(law.robot, 0.0, law.robot.home, r)
+    assumed, measured = (law.evidence(there._replace(sigma=sigma)) for sigma in (None, np.full(7, 0.05)))
+    np.testing.assert_allclose(measured.misfit + measured.spread, assumed.misfit + assumed.spread)
+    noisy = np.array([0.05, 0.05, 0.05, 5.0, 0.05, 0.05, 0.05])
+    spoilt = there._replace(r=r + 2.0 * np.eye(7)[3])
+    believed, doubted = (law.evidence(spoilt._replace(sigma=sigma)).misfit[k] for sigma in (None, noisy))
+    assert believed > 10.0 > 1.0 > doubted
+
+
+def test_force_that_no_contact_makes_is_not_explained(law):
+    k = int(np.flatnonzero(law.candidates.link == 5)[20])
+    _, _, r = push(law, law.robot.home, k)
+    for residual, explained in ((r, True), (r * [1, 1, 1, 1, 1, 1, 0] + 20.0 * np.eye(7)[6], False)):
+        memory = law.remember(law.empty(), evidence(law, law.robot.home, residual))
+        assert law.explains(memory, law.decide(memory)) == explained
 
 
 def test_weak_residual_is_no_contact(law):

@@ -359,7 +359,7 @@ def test_bad_parameters_are_named(field, value):
     assert error.value.field == field
 
 
-# ---- with fusion ---------------------------------------------------------------------------------------------------
+# ---- what is felt --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -421,6 +421,53 @@ def test_fusion_without_a_finite_residual_knows_what_is_seen_and_no_force(system
     bench.run(1, image_time=0.013)
     assert bench.read("camera_status") == CameraStatus.INVALID
     assert not bench.read("contact_point").found
+
+
+def hidden_touch(scenes, seed):
+    """A finger on one of the last links that the camera does not see, its forearm in view."""
+    rng = np.random.default_rng(seed)
+    while True:
+        touch = scenes.draw(rng, 5, "finger")
+        image = scenes.images([touch], touch.q)[0]
+        if not scenes.visible(image, 0, touch, touch.q):
+            terms = scenes.poses(touch.q)
+            F = terms.R_WL[touch.link] @ (25.0 * -touch.n_L)
+            return touch, image, terms.point(touch.link, touch.p_L).Jv_WC.T @ F
+
+
+def test_hidden_touch_is_found_after_frames_that_agree_and_forgotten_with_its_residual(system, scenes):
+    errors = []
+    for seed in range(4):
+        touch, image, r = hidden_touch(scenes, seed)
+        inputs = {"position_measured": touch.q, "torque_external": r, "torque_noise": np.full(7, 0.05)}
+        bench = SystemBench(system, **inputs, depth_image=frame(image), image_time=0.0)
+        found = []
+        for k in range(4):
+            bench.run(2, image_time=0.01 * k)
+            found.append(bench.read("contact_point").found)
+        contact = bench.read("contact_point")
+        errors.append(np.linalg.norm(contact.p_LC - touch.p_L) if contact.link == touch.link else 1.0)
+        clone = bench.clone()
+        for other in (bench, clone):
+            other.run(2, image_time=0.05, torque_external=np.zeros(7))
+        assert bench.read("contact_point").found == clone.read("contact_point").found
+        assert np.all(bench.read("contact_force") == 0.0)
+    assert np.median(errors) < 0.01
+
+
+def test_torque_noise_that_is_not_finite_counts_as_the_parameter(system, scenes):
+    touch, image, r = hidden_touch(scenes, 1)
+    points = []
+    for noise in (np.full(7, 0.05), np.full(7, np.nan), np.full(7, 0.001)):
+        bench = SystemBench(
+            system, position_measured=touch.q, torque_external=r, torque_noise=noise, depth_image=frame(image),
+            image_time=0.0,
+        )  # fmt: skip
+        bench.run(2)
+        bench.run(2, image_time=0.01)
+        points.append(bench.read("contact_point").p_LC)
+    np.testing.assert_array_equal(points[1], points[0])
+    np.testing.assert_array_equal(points[2], points[0])
 
 
 # ---- several cameras -----------------------------------------------------------------------------------------------
@@ -490,7 +537,6 @@ from camera_scene import HandScene
 from numba.core.dispatcher import Dispatcher
 from pydrake.systems.sensors import ImageDepth32F
 from saphari_drake.perception.contact.localizer import ContactLocalizer
-from saphari_drake.perception.contact.parameters import FusionParameters
 
 def compiled():
     modules = [module for name, module in sys.modules.items() if name.startswith("saphari_drake.")]
@@ -501,17 +547,16 @@ scene = HandScene(radius=0.010)
 touch = scene.random_touch(np.random.default_rng(21))
 image = ImageDepth32F(640, 480)
 image.mutable_data[..., 0] = scene.image(touch.q, touch)
-for fusion in (None, FusionParameters()):
-    system = ContactLocalizer(scene.robot, [scene.camera], fusion=fusion)
-    before = compiled()
-    residual = np.full(scene.robot.n, 20.0)
-    bench = Bench(system, position_measured=touch.q, torque_external=residual, depth_image=image, image_time=0.0)
-    for time in (0.0, 0.01, 0.02):
-        bench.run(2, image_time=time)
-    assert bench.read("contact_point").found
-    after = compiled()
-    late = {name: (before[name], after[name]) for name in before if after[name] != before[name]}
-    assert not late, late
+system = ContactLocalizer(scene.robot, [scene.camera])
+before = compiled()
+residual = np.full(scene.robot.n, 20.0)
+bench = Bench(system, position_measured=touch.q, torque_external=residual, depth_image=image, image_time=0.0)
+for time in (0.0, 0.01, 0.02):
+    bench.run(2, image_time=time)
+assert bench.read("contact_point").found
+after = compiled()
+late = {name: (before[name], after[name]) for name in before if after[name] != before[name]}
+assert not late, late
 """
 
 

@@ -19,6 +19,7 @@ from pydrake.systems.primitives import LinearSystem
 
 from saphari_drake.errors import ParameterError, SensorError, UnknownNameError
 from saphari_drake.parameters import require_positive
+from saphari_drake.robots.catalog import models_dir
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, main
@@ -393,9 +394,13 @@ def test_metric_named_twice_is_refused():
 
 
 def test_model_is_taken_where_allowed(tmp_path, capsys):
-    model = tmp_path / "arm.urdf"
-    model.write_text("<robot/>")
-    experiment = toy(accepts_model=True)
+    model = models_dir() / "planar_6r" / "planar_6r.urdf"
+
+    def adapt(scenario, robot):
+        assert robot.n == 6
+        scenario.home = []
+
+    experiment = toy(adapt=adapt)
     own = tmp_path / "own.yaml"
     own.write_text("home: [45]")
     # The case's posture is not that of another robot; one that is given is.

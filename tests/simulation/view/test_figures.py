@@ -1,8 +1,12 @@
 """Figures: one time axis, the same colours for X, Y, Z, no change of the user's matplotlib."""
 
+import re
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.mathtext import MathTextParser
 
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.figures import XYZ, Line, Panel, Shade, intervals, time_panels
@@ -49,3 +53,16 @@ def test_unknown_names_are_told(log):
         time_panels(log, [Panel("", ["speed"], "")], "")
     with pytest.raises(KeyError, match="no column of 'force' '3'; there are: 0, 1, 2"):
         time_panels(log, [Panel("", [Line("force", 3)], "")], "")
+
+
+def test_formulas_of_labels_can_be_drawn():
+    """Those of all scripts: a mistake would show only when a figure is saved."""
+    folder, parser = Path(__file__).parents[3] / "diagrams" / "experiments", MathTextParser("agg")
+    labels = [
+        label
+        for path in folder.rglob("*.py")
+        for label in re.findall(r'r"([^"\n]*\$[^"\n]+\$[^"\n]*)"', path.read_text())
+    ]
+    assert labels
+    for label in labels:
+        parser.parse(label)

@@ -57,6 +57,7 @@ def test_touches_stay_within_their_ranges_and_cover_them(lwr4):
     assert 0.009 <= radius.min() < 0.011 and 0.016 < radius.max() <= 0.018
     for touch in drawn:
         assert np.abs(touch.q - lwr4.home).max() <= np.deg2rad(40.0) + 1e-9
+        assert np.minimum(touch.q - lwr4.q_min, lwr4.q_max - touch.q).min() >= np.deg2rad(5.0) - 1e-9
         n_W = surface_of(lwr4, touch)[1]
         assert -n_W @ touch.push.direction >= np.cos(np.deg2rad(45.0)) - 1e-6, touch.push.link
 
@@ -120,6 +121,12 @@ def judged(**values):
 def test_a_touch_has_to_meet_everything(name):
     assert judged().meets_all
     assert not judged(**{name: 1.0}).meets_all
+
+
+def test_a_hidden_touch_may_be_off_by_twice_as_much():
+    assert not judged(point_error=0.015).meets_all
+    assert judged(point_error=0.015, seen=0.0).meets_all
+    assert not judged(point_error=0.021, seen=0.0).meets_all
 
 
 def test_failures_count_in_every_share_and_can_be_replayed(lwr4):

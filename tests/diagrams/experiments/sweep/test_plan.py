@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from experiments.sweep.plan import Plan, find_experiment, plan_of, put, scenario_of, value_at
+from pydrake.common.yaml import yaml_dump_typed
 
 from saphari_drake.errors import ParameterError, UnknownNameError
+from saphari_drake.simulation.runner.scenario import merged, to_tree
 
 VARY = {"duration": {"uniform": [1.0, 2.0]}, "planar.goals[1][0]": {"choice": [3.0, 4.0]}}
 PLAN = Plan("reverse_priority_planar", "soft_off", 3, ("planar.speed=0.5",), {}, VARY)
@@ -49,3 +51,10 @@ def test_names_that_do_not_exist_are_told():
     for name in ("a.c", "b[2]", "a.b.c"):
         with pytest.raises(UnknownNameError, match="parameter"):
             put({"a": {"b": 1.0}, "b": [1.0]}, name, 2.0)
+
+
+@pytest.mark.parametrize("name", ["reverse_priority_planar", "null_space_ball", "nmpc_manipulator"])
+def test_a_scenario_that_was_taken_apart_is_the_same_again(name):
+    """Tables without an entry, too."""
+    scenario = find_experiment(name).scenario_for("random")
+    assert yaml_dump_typed(merged(scenario, to_tree(scenario))) == yaml_dump_typed(scenario)
