@@ -34,3 +34,6 @@ from .momentum_observer import (
 from .momentum_observer import (
     MomentumObserverParameters as MomentumObserverParameters,
 )
+from .wrench_check import WrenchCheck as WrenchCheck
+from .wrench_check import WrenchCheckParameters as WrenchCheckParameters
+from .wrench_check import WrenchCheckStatus as WrenchCheckStatus

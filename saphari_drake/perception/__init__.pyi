@@ -1,6 +1,9 @@
 from .camera.check import CameraCheckParameters as CameraCheckParameters
 from .camera.check_system import CameraCheck as CameraCheck
 from .camera.check_system import CheckScheduleParameters as CheckScheduleParameters
+from .camera.frame_check import FrameCheckParameters as FrameCheckParameters
+from .camera.frame_check import FrameStatus as FrameStatus
+from .camera.frame_check_system import FrameCheck as FrameCheck
 from .camera.model import CameraParameters as CameraParameters
 from .contact.localizer import ContactLocalizer as ContactLocalizer
 from .contact.parameters import FusionParameters as FusionParameters

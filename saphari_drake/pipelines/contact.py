@@ -15,15 +15,18 @@ from saphari_drake.estimation.contact_force import ContactForceEstimator, Contac
 from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import diagonal, require_positive, share_period
+from saphari_drake.perception.camera.frame_check import FrameCheckParameters
+from saphari_drake.perception.camera.frame_check_system import FrameCheck
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
+from saphari_drake.pipelines.envelope import JointState, JointWitness, add_joint_check, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters
 from saphari_drake.safety.contact_monitor import ContactMonitor, ContactMonitorParameters
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
@@ -35,6 +38,7 @@ class ContactPipelineParameters:
 
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.005
+    check: JointCheckParameters = field(default_factory=JointCheckParameters)
     # Its velocity is expected to be a difference of positions, as encoders give it.
     observer: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(velocity_delay=0.5))
     # What the robot's model may lack; learned while nobody touches.
@@ -44,6 +48,8 @@ class ContactPipelineParameters:
     # What finds hidden contacts. The residual's noise is measured; the cone is wide, as fingers hook at edges and the
     # cover's normals are not those of the model.
     fusion: FusionParameters = field(default_factory=lambda: FusionParameters(torque_sigma=0.05, friction=1.5, modes=6))
+    # Of the camera's frames.
+    frames: FrameCheckParameters = field(default_factory=FrameCheckParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)
     # The answer to a contact: an impedance, or a force.
@@ -55,7 +61,7 @@ class ContactPipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "observer", "model_error", "detector", "monitor", "controller", "switch")
+        share_period(self, "check", "observer", "model_error", "detector", "monitor", "controller", "switch")
         if isinstance(self.controller, ContactForceControlParameters):
             check_hand(self.controller, float(np.min(self.observer.bandwidth)))
 
@@ -68,6 +74,7 @@ class ContactMeasurements(NamedTuple):
     depth_image: OutputPort  # of the camera (m)
     image_time: OutputPort  # when it was taken (s)
     joint_state: JointState | None = None  # at the robot's own rate, the period of the envelope
+    witness: JointWitness | None = None
 
 
 class ContactPipeline(NamedTuple):
@@ -78,6 +85,7 @@ class ContactPipeline(NamedTuple):
     model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
+    frames: FrameCheck
     monitor: ContactMonitor
     force: ContactForceEstimator
     controller: ContactImpedanceController | ContactForceController
@@ -118,7 +126,9 @@ def add_contact_pipeline(
     add = builder.AddNamedSystem
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     observer = add("momentum_observer", MomentumObserver(robot, params.observer))
-    torque_external, held = observer.GetOutputPort("torque_external"), JointState(measured.position, measured.velocity)
+    joints = JointState(measured.position, measured.velocity)
+    checked = add_joint_check(builder, robot, joints, params.check, measured.witness)
+    torque_external, held = observer.GetOutputPort("torque_external"), checked.state
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
@@ -133,6 +143,7 @@ def add_contact_pipeline(
                 robot, [camera], params.localizer, [background], fusion=params.fusion, period=params.period
             ),
         ),
+        frames=add("frame_check", FrameCheck(robot, camera, params.frames, background, params.period)),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
         controller=add("controller", _controller(robot, params)),
@@ -142,15 +153,19 @@ def add_contact_pipeline(
         ),
     )
     for source, target, name in (
-        (measured.position, p.dynamics, "position_measured"),
-        (measured.velocity, p.dynamics, "velocity_measured"),
-        (measured.position, p.localizer, "position_measured"),
+        (held.position, p.dynamics, "position_measured"),
+        (held.velocity, p.dynamics, "velocity_measured"),
+        (held.position, p.localizer, "position_measured"),
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
+        (held.position, p.frames, "position_measured"),
+        (measured.depth_image, p.frames, "depth_image"),
+        (measured.image_time, p.frames, "image_time"),
         (p.monitor.GetOutputPort("active_contact"), p.force, "contact_point"),
         (p.envelope.GetOutputPort("torque_mean"), p.observer, "torque_applied"),
     ):
         builder.Connect(source, target.GetInputPort(name))
+    checked.close(builder, p.envelope.GetOutputPort("torque_acting"), measured.witness)
     connect(
         builder,
         (p.dynamics, "dynamics", p.observer, p.model_error),
@@ -164,7 +179,8 @@ def add_contact_pipeline(
         (p.model_error, "torque_noise", p.detector, p.localizer),
         (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
-        (p.localizer, "camera_status", p.monitor),
+        (p.localizer, "camera_status", p.frames),
+        (p.frames, "camera_status", p.monitor),
         (p.monitor, "interaction", p.controller),
         (p.force, "contact_force", p.controller),
         (p.force, "misfit", p.controller),

@@ -1,4 +1,4 @@
-"""The last element of each torque pipeline: the joint envelope, at the robot's own rate."""
+"""First and last element of each torque pipeline: the check of the joint state, and the joint envelope."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,6 +9,8 @@ from saphari_drake.estimation.joint_velocity import JointVelocity, JointVelocity
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
+from saphari_drake.safety.joint_check.system import JointCheck
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
@@ -19,6 +21,42 @@ class JointState(NamedTuple):
 
     position: OutputPort  # n (rad or m)
     velocity: OutputPort  # n (rad/s or m/s)
+
+
+class JointWitness(NamedTuple):
+    """Ports of sensors that tell of the joints what their encoders and drives cannot prove themselves."""
+
+    position: OutputPort | None = None  # n (rad or m), of second encoders, at the motors
+    torque: OutputPort | None = None  # n (Nm or N), of torque sensors in the joints
+
+
+class CheckedState(NamedTuple):
+    """A joint state behind a check, and the check."""
+
+    state: JointState
+    check: JointCheck
+
+    def close(self, builder: DiagramBuilder, torque: OutputPort, witness: JointWitness | None) -> None:
+        """Tell the check what the drives are to give; without a torque sensor it needs none."""
+        if witness and witness.torque:
+            builder.Connect(witness.torque, self.check.GetInputPort("torque_measured"))
+            builder.Connect(torque, self.check.GetInputPort("torque_expected"))
+
+
+def add_joint_check(
+    builder: DiagramBuilder,
+    robot: RobotModel,
+    measured: JointState,
+    params: JointCheckParameters,
+    witness: JointWitness | None,
+) -> CheckedState:
+    """Add a check of a measured joint state, by another witness if there is one."""
+    check = builder.AddNamedSystem("joint_check", JointCheck(robot, params))
+    builder.Connect(measured.position, check.GetInputPort("position_measured"))
+    builder.Connect(measured.velocity, check.GetInputPort("velocity_measured"))
+    if witness and witness.position:
+        builder.Connect(witness.position, check.GetInputPort("position_second"))
+    return CheckedState(JointState(*(check.GetOutputPort(f"{name}_checked") for name in JointState._fields)), check)
 
 
 class EstimatedState(NamedTuple):

@@ -11,10 +11,17 @@ from saphari_drake.estimation.disturbance_observer import DisturbanceObserver, D
 from saphari_drake.estimation.joint_velocity import JointVelocityParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope, add_joint_velocity
+from saphari_drake.pipelines.envelope import (
+    JointState,
+    JointWitness,
+    add_joint_check,
+    add_joint_envelope,
+    add_joint_velocity,
+)
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitch, CommandSwitchParameters
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.systems import connect
@@ -26,6 +33,7 @@ class NullSpacePipelineParameters:
 
     # s; the control cycle of all parts, which take it from here. That of the deliverable.
     period: float = 0.002
+    check: JointCheckParameters = field(default_factory=JointCheckParameters)
     # Also without the observer momentum: for the threshold, and to be compared.
     momentum: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
     disturbance: DisturbanceObserverParameters = field(default_factory=DisturbanceObserverParameters)
@@ -38,7 +46,7 @@ class NullSpacePipelineParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
-        share_period(self, "momentum", "disturbance", "controller", "switch", "velocity")
+        share_period(self, "check", "momentum", "disturbance", "controller", "switch", "velocity")
 
 
 class NullSpacePipeline(NamedTuple):
@@ -64,6 +72,7 @@ def add_null_space_pipeline(
     velocity: OutputPort,
     params: NullSpacePipelineParameters | None = None,
     joint_state: JointState | None = None,
+    witness: JointWitness | None = None,
 ) -> NullSpacePipeline:
     """Add dynamics, observers, controller, switch and envelope, and connect them to what the joints measure.
 
@@ -73,7 +82,8 @@ def add_null_space_pipeline(
     params = params or NullSpacePipelineParameters()
     params.__post_init__()  # its parts take the period
     add = builder.AddNamedSystem
-    estimated = add_joint_velocity(builder, robot, JointState(position, velocity), params.velocity, "joint_velocity")
+    checked = add_joint_check(builder, robot, JointState(position, velocity), params.check, witness)
+    estimated = add_joint_velocity(builder, robot, checked.state, params.velocity, "joint_velocity")
     switch = add("command_switch", CommandSwitch(robot, params.switch))
     momentum = add("momentum_observer", MomentumObserver(robot, params.momentum))
     torque_external, held = momentum.GetOutputPort("torque_external"), estimated.state
@@ -111,5 +121,6 @@ def add_null_space_pipeline(
         (p.disturbance.GetOutputPort("torque_external"), p.controller, "torque_external_task"),
     ):
         builder.Connect(source, target.GetInputPort(name))
+    checked.close(builder, p.envelope.GetOutputPort("torque_acting"), witness)
     estimated.close(builder, p.dynamics, p.envelope.GetOutputPort("torque_mean"))
     return p

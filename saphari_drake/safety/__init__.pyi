@@ -4,6 +4,9 @@ from .contact_detector import ContactDetector as ContactDetector
 from .contact_detector import ContactDetectorParameters as ContactDetectorParameters
 from .contact_monitor import ContactMonitor as ContactMonitor
 from .contact_monitor import ContactMonitorParameters as ContactMonitorParameters
+from .joint_check.law import JointCheckStatus as JointCheckStatus
+from .joint_check.parameters import JointCheckParameters as JointCheckParameters
+from .joint_check.system import JointCheck as JointCheck
 from .joint_envelope.law import EnvelopeStatus as EnvelopeStatus
 from .joint_envelope.parameters import JointEnvelopeParameters as JointEnvelopeParameters
 from .joint_envelope.system import JointEnvelope as JointEnvelope

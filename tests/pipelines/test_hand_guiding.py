@@ -44,13 +44,14 @@ def arm():
     taps = {}
 
     def tapped(builder, robot, measured, *rest):
-        *held, own = measured
-        named = dict(zip((*measured._fields[:-1], "own_position", "own_velocity"), (*held, *own)))
+        *held, own, witness = measured
+        named = dict(zip((*measured._fields[:-2], "own_position", "own_velocity"), (*held, *own)))
         for name, port in named.items():
             taps[name] = builder.AddSystem(GoneBad(port.size()))
             builder.Connect(port, taps[name].get_input_port())
         *held, position, velocity = (tap.get_output_port() for tap in taps.values())
-        return add_hand_guiding_pipeline(builder, robot, type(measured)(*held, JointState(position, velocity)), *rest)
+        measured = type(measured)(*held, JointState(position, velocity), witness)
+        return add_hand_guiding_pipeline(builder, robot, measured, *rest)
 
     robot = catalog.lwr4().with_home(HOME)
     params = guiding_cell.GuidingCellParameters()

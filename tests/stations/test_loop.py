@@ -26,6 +26,7 @@ class ModelArm:
     def read(self):
         self.during(self.k)
         self.k += 1
+        assert self.k < 5000, "the loop does not end"
         return ArmReading(self.q, self.v, np.full(7, np.nan), self.k * T)
 
     def write(self, torque, gravity):

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.geometry import Box, Meshcat
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 
 from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
@@ -39,6 +38,7 @@ from saphari_drake.simulation.world.cell import Cell, add_cell
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.profile import Truth
 
+FLOOR = 8.0  # m; edge of the floor
 FRAME = 1.0 / 30.0  # s, of what is recorded for the eye
 
 
@@ -73,26 +73,6 @@ class JoinedForces(LeafSystem):
         output.set_value([force for port in self._ports for force in port.Eval(context)])
 
 
-@dataclass(frozen=True)
-class Ground(Floor):
-    """The floor, with what a fixed robot stands on; nothing collides with it."""
-
-    size: float = 8.0
-    pedestal: float = 0.0  # m, its height; 0: none
-
-    def add_to(self, plant: MultibodyPlant, robot: RobotModel | None = None) -> None:
-        """Add both, welded to the world."""
-        super().add_to(plant, robot)
-        if self.pedestal > 0.0 and plant.geometry_source_is_registered():
-            shape, X_WP = Box(0.24, 0.24, self.pedestal), RigidTransform([0.0, 0.0, 0.5 * self.pedestal])
-            grey = np.array([0.55, 0.57, 0.6, 1.0])
-            plant.RegisterVisualGeometry(plant.world_body(), X_WP, shape, "pedestal", grey)
-
-
-def _ground(scenario: CellScenario) -> Ground:
-    return Ground(pedestal=scenario.base_height if scenario.case == "fixed" else 0.0)
-
-
 @dataclass
 class SafeCellRig:
     """A diagram and what is needed to run and judge it."""
@@ -115,7 +95,7 @@ def build_cell(
     robot = robot_of(scenario)
     job, robot = job_of(robot, scenario), at_start(robot, scenario)
     truth, step = scenario.truth(params.period), scenario.plant_parameters.time_step
-    cell = add_cell(builder, robot, [_ground(scenario)], scenario.plant_parameters, truth)
+    cell = add_cell(builder, robot, [Floor(FLOOR)], scenario.plant_parameters, truth)
     person = performance(person_of(scenario, trial), scenario.people.sizes)
     people = CompliantPeople(robot, cell.plant, cell.instance, [person], scenario.people, step)
     builder.AddNamedSystem("people_in_the_cell", people)
@@ -180,7 +160,7 @@ def _sensors(
         add(f"camera_sampler_{k}", sampler)
         builder.Connect(view.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
         images.append(sampler)
-        empty = scan_background(robot, _ground(scenario), params_k, scenario.sampler.noise, 4)
+        empty = scan_background(robot, Floor(FLOOR), params_k, scenario.sampler.noise, 4)
         backgrounds.append(background_depth(empty, params.localizer))
     params.localizer.frozen_frames = 2 if scenario.sampler.noise.enabled else 0
     measured = CellMeasurements(

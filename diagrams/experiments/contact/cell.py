@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from experiments.contact.known import adapt_to_encoders, adapt_to_friction
-from experiments.joint_state import own_joint_state
+from experiments.joint_state import feel_torque, joint_witness, own_joint_state
 from saphari_drake.parameters import share_period
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.segmentation.background import background_depth
@@ -111,8 +111,10 @@ def add_contact_cell(
     state = own_joint_state(
         builder, robot, cell, params.joint_sensor, params.pipeline.envelope, params.pipeline.observer, truth
     )
-    measured = ContactMeasurements(position, velocity, image, time, state)
+    witness = joint_witness(builder, robot, cell, params.joint_sensor, truth)
+    measured = ContactMeasurements(position, velocity, image, time, state, witness)
     pipeline = add_contact_pipeline(builder, robot, measured, params.camera, params.pipeline, background)
     builder.Connect(pipeline.torque_output, cell.torque_input)
+    feel_torque(builder, cell, pipeline.torque_output)
     inject_into_camera(builder, cell.scene_graph, params.camera, sampler, params.sampler, truth)
     return ContactCell(cell, camera, params.camera, sampler, pipeline)

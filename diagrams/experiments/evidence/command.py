@@ -14,14 +14,14 @@ from experiments.evidence.arm_trials import arm_jobs, run_arms
 from experiments.evidence.benchmarks import run_benchmarks
 from experiments.evidence.command_line import parse
 from experiments.evidence.discovery import find_scripts
-from experiments.evidence.fault_trials import fault_jobs, fault_summary, run_faults
+from experiments.evidence.fault_trials import fault_summary, recorded_trial, run_faults
 from experiments.evidence.gate import check
+from experiments.evidence.hazards import hazards_text
 from experiments.evidence.page import write_page
 from experiments.evidence.progress import Progress
 from experiments.evidence.readme import generated, missing
 from experiments.evidence.recording import record
 from experiments.evidence.results_file import read_results, write_results
-from experiments.evidence.runs import Run
 from saphari_drake.errors import SaphariError, UnknownNameError
 from saphari_drake.simulation.faults.registry import FAULTS
 from saphari_drake.simulation.record.files import write_text
@@ -52,6 +52,11 @@ class Places(NamedTuple):
     def faults(self) -> Path:
         """File of the trials of faults."""
         return self.scripts / "faults.json"
+
+    @property
+    def hazards(self) -> Path:
+        """Page of the table of hazards."""
+        return self.scripts / "hazards.md"
 
     @property
     def arms(self) -> Path:
@@ -88,7 +93,7 @@ def _main(options: Namespace, places: Places) -> int:
                 show_page(places, out)
             return _told(lines, "gate: pass", "gate: FAIL")
         if options.faults:
-            broken = record_faults(options, places, out, keep)
+            broken = record_faults(options, places)
         elif options.arms:
             record_arms(options, places, out, keep)
         elif options.benchmarks:
@@ -121,23 +126,23 @@ def record_arms(options: Namespace, places: Places, out: Path, keep: bool) -> No
         write_results(places.arms, recorded)
 
 
-def record_faults(options: Namespace, places: Places, out: Path, keep: bool) -> list[str]:
-    """Run the trials of faults and keep what they come to; return a line for each run that could not be judged."""
-    scripts, recorded = find_scripts(places.scripts), read_results(places.faults)
+def record_faults(options: Namespace, places: Places) -> list[str]:
+    """Run the trials of faults and keep what they come to; return a line for each fault that stays silent."""
     for name in options.only:
         if name not in FAULTS:
             raise UnknownNameError("fault", name, FAULTS)
-    progress = Progress(fault_jobs(options.seeds, options.only), {}, options.jobs)
-    done: dict[tuple[str, str], list[Run]] = {}
-    for run in run_faults(scripts, options.seeds, options.only, out, options.jobs, keep):
-        say(progress.line(run))
-        case = f"{run.job.script}/{run.job.case}"
-        done.setdefault((run.job.label, case), []).append(run)
-        summary = fault_summary(done[run.job.label, case])
-        recorded.setdefault(run.job.label, {})[case] = summary
+    recorded = read_results(places.faults)
+    for case, result in run_faults(str(places.scripts), options.only, options.seeds, options.jobs):
+        fault = result["fault"]
+        say(f"{case} {fault} seed {result['seed']}: {1e3 * result['reaction']:.0f} ms")
+        recorded.setdefault(fault, {}).setdefault(case, {})[str(result["seed"])] = recorded_trial(result)
         write_results(places.faults, recorded)
-    unjudged = (entry for cases in recorded.values() for entry in cases.values() if entry.get("made") == 0)
-    return [f"not judged: {entry['complaint']}" for entry in unjudged]
+    return [
+        f"silent: {case} {fault}, seeds {silent}"
+        for fault, cases in recorded.items()
+        for case, trials in cases.items()
+        if (silent := fault_summary(trials)["silent_seeds"]) and not FAULTS[fault].bounded
+    ]
 
 
 def show_page(places: Places, out: Path) -> None:
@@ -147,12 +152,12 @@ def show_page(places: Places, out: Path) -> None:
 
 
 def write_pages(places: Places) -> list[str]:
-    """Write the generated parts of README and page of results; return a line for each figure that they lack."""
-    results, times = read_results(places.results), read_results(places.times)
+    """Write the generated parts of README and page of results, and the hazards; return a line for what they lack."""
+    results, times, faults = (read_results(path) for path in (places.results, places.times, places.faults))
     texts = [page.read_text(encoding="utf-8") for page in places.pages]
-    made = generated(texts, results, times, read_results(places.faults), read_results(places.arms))
-    for page, text in zip(places.pages, made):
+    for page, text in zip(places.pages, generated(texts, results, times, faults, read_results(places.arms))):
         write_text(page, text)
+    write_text(places.hazards, hazards_text(faults))
     return missing(results, times)
 
 

@@ -14,7 +14,7 @@ EPILOG = """examples:
   python diagrams/report.py --seeds 0:20 --only contact_impedance/natural
   python diagrams/report.py --only nmpc_manipulator --out runs  one script's cases; keeps figures and replays
   python diagrams/report.py --benchmarks                        the table of speed; on a machine that does nothing else
-  python diagrams/report.py --faults --seeds 0:5                every fault on three experiments
+  python diagrams/report.py --faults --seeds 0:5                every fault on four experiments; and hazards.md
   python diagrams/report.py --arms my_arm.urdf other.urdf       the experiments on arms of your own, shortened
   python diagrams/report.py --tables                            the README alone, from what is recorded
   python diagrams/report.py --check                             the gate

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from experiments.evidence.fault_trials import fault_summary
 from experiments.evidence.results_file import Results
 from experiments.evidence.summary import bound_text, is_bounded, missed_by
 from saphari_drake.simulation.faults.registry import FAULTS
@@ -114,16 +115,24 @@ def _faults(recorded: Mapping[str, Any]) -> Iterator[str]:
     rows = [
         (
             escape(fault), escape(FAULTS[fault].about) if fault in FAULTS else "–", escape(case),
-            f"{entry['answered']} of {entry['made']}", f"{entry['soon']}", _number(entry["reaction_max_s"]),
+            f"{entry['told']} of {entry['acting']}", f"{entry['soon']}", _number(entry["reaction_max_s"]),
             _number(entry["speed_share_max"]),
         )
         for fault, cases in recorded.items()
-        for case, entry in cases.items()
-        if entry.get("made")
+        for case, trials in cases.items()
+        for entry in (fault_summary(trials),)
     ]  # fmt: skip
     if rows:
         yield "<h2>Faults</h2>"
-        head = ("fault", "what", "case", "answered", "within 0.1 s", "latest [s]", "largest joint speed over its limit")
+        head = (
+            "fault",
+            "what",
+            "case",
+            "told of those with an effect",
+            "within 0.1 s",
+            "latest [s]",
+            "largest joint speed over its limit",
+        )
         yield table(head, rows)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from experiments.guiding.tool import identified_tool
-from experiments.joint_state import own_joint_state
+from experiments.joint_state import feel_torque, joint_witness, own_joint_state
 from saphari_drake.parameters import require_choice
 from saphari_drake.perception.skin.calibration import SkinCalibration, calibrate
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
@@ -95,6 +95,9 @@ def add_guiding_cell(
     builder.Connect(plant.get_reaction_forces_output_port(), wrist.GetInputPort("reaction_forces"))
     for system in (hands, joints, skin):
         builder.Connect(state, system.GetInputPort("state"))
+    witness = joint_witness(builder, robot, cell, params.joint_sensor, truth)
+    if params.interface == "position":  # whose servo does not tell what it asks for
+        witness = witness._replace(torque=None)
     measured = HandGuidingMeasurements(
         joints.GetOutputPort("position_measured"),
         joints.GetOutputPort("velocity_measured"),
@@ -111,6 +114,7 @@ def add_guiding_cell(
             truth,
             params.pipeline.velocity,
         ),
+        witness,
     )
     calibration = skin_calibration(layout, params)
     tool = identified_tool(robot, truth, params.force_sensor)
@@ -122,5 +126,6 @@ def add_guiding_cell(
         builder.Connect(pipeline.position_output, driving.GetInputPort("position_commanded"))
         torque = driving.GetOutputPort("torque_commanded")
     builder.Connect(torque, cell.torque_input)
+    feel_torque(builder, cell, torque)
     excess = driving.GetOutputPort("torque_excess")
     return GuidingCell(cell, hands, pipeline, excess)

@@ -8,14 +8,18 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort, State
 
+from experiments.joint_state import feel_torque, joint_witness
 from experiments.nmpc.jobs import NmpcJob
 from experiments.nmpc.watch import FLOOR, ObstacleWatch, add_obstacle_watch
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
 from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
+from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import diagonal, require_choice
+from saphari_drake.pipelines.envelope import JointState, add_joint_check
 from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.torque_limit import TorqueLimit
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
@@ -43,6 +47,7 @@ class NmpcCellParameters(PlantParameters):
     """The simulated robot, its servo and its controller. The plant's step is the cycle of joint sensor and servo."""
 
     controller: NmpcParameters = field(default_factory=NmpcParameters)
+    check: JointCheckParameters = field(default_factory=lambda: JointCheckParameters(period=0.001))
     envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     # What stands behind every command: "things" stops before what the obstacles are predicted to do, "people" before
     # all that people could do; "off", or a robot without shapes: nothing.
@@ -105,8 +110,13 @@ def build_nmpc(
     cell = add_cell(builder, robot, [Floor(FLOOR)], params, truth)
     exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
+    measured = JointState(sensor.GetOutputPort("position_measured"), sensor.GetOutputPort("velocity_measured"))
+    arm = bool(np.all(robot.tree.kind == REVOLUTE))  # platforms have no second encoders
+    witness = joint_witness(builder, robot, cell, exact, truth) if arm else None
+    checked = add_joint_check(builder, robot, measured, params.check, witness)
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
-    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
+    motion = replace(params.envelope, stale_time=_stale_time(params))
+    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, motion))
     within = acceleration_within(params.controller, envelope.bounds.acceleration)
     if truth.profile.torque_delay > 0:  # computing takes its time too
         within = replace(within, delay_compensation=True)
@@ -119,9 +129,9 @@ def build_nmpc(
     )
     surroundings = builder.AddNamedSystem("surroundings", Reference({"obstacles": job.obstacles}))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    position = sensor.GetOutputPort("position_measured")
+    position = checked.state.position
     builder.Connect(position, dynamics.GetInputPort("position_measured"))
-    builder.Connect(sensor.GetOutputPort("velocity_measured"), dynamics.GetInputPort("velocity_measured"))
+    builder.Connect(checked.state.velocity, dynamics.GetInputPort("velocity_measured"))
     builder.Connect(position, controller.GetInputPort("position_measured"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     known = surroundings.get_output_port()
@@ -152,6 +162,9 @@ def build_nmpc(
     builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
     builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
     builder.Connect(torque, cell.torque_input)
+    checked.close(builder, torque, witness)
+    if witness:
+        feel_torque(builder, cell, torque)
     fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
     fast.add("velocity_commanded", command, "rad/s, m/s")
     fast.add("velocity_applied", applied, "rad/s, m/s")
@@ -168,6 +181,12 @@ def build_nmpc(
     inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
+
+
+def _stale_time(params: NmpcCellParameters) -> float:
+    """Return for how long a command may be the same: where it is held, and fifty of the servo's cycles (s)."""
+    held = (1.0 - params.controller.ramp) * params.controller.period
+    return min(params.envelope.stale_time, held + 50 * params.envelope.period)
 
 
 def acceleration_within(controller: NmpcParameters, acceleration: Array) -> NmpcParameters:

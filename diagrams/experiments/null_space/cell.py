@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from pydrake.systems.framework import DiagramBuilder
 
-from experiments.joint_state import own_joint_state
+from experiments.joint_state import feel_torque, joint_witness, own_joint_state
 from saphari_drake.parameters import require_choice, share_period
 from saphari_drake.pipelines.null_space import (
     NullSpacePipeline,
@@ -80,6 +80,8 @@ def add_null_space_cell(
         builder, robot, cell, params.joint_sensor, params.envelope, params.momentum, truth, params.velocity
     )
     ports = sensor.get_output_port(0), sensor.get_output_port(1)
-    pipeline = add_null_space_pipeline(builder, robot, *ports, params, state)
+    witness = joint_witness(builder, robot, cell, params.joint_sensor, truth)
+    pipeline = add_null_space_pipeline(builder, robot, *ports, params, state, witness)
     builder.Connect(pipeline.torque_output, cell.torque_input)
+    feel_torque(builder, cell, pipeline.torque_output)
     return NullSpaceCell(cell, pipeline)

@@ -35,8 +35,9 @@ class SkinEstimatorParameters:
     range_margin: float = 0.01
     # Samples without any change in all cells after which a module is taken as broken. 0: never.
     frozen_samples: int = 100
-    # Least share of modules that must work, 0–1: below it, the skin is lost.
-    least_usable: float = 0.5
+    # Least share of modules that must work, 0–1: below it, the skin is lost. With more dead ones, holes as large as a
+    # hand's contact are likely.
+    least_usable: float = 0.7
     # s; a sample older than this is lost.
     timeout: float = 0.05
 

@@ -32,6 +32,9 @@ class VelocityEnvelopeParameters:
     position_margin: float = 0.001
     # s, by which the joints follow the applied velocity at most. Assumed; `JointVelocityServo` at 1 ms needs 0.002.
     lag: float = 0.005
+    # s; a command other than zero that stays the same, bit for bit, for as long while the position changes comes from a
+    # dead controller; .inf: a command may be constant.
+    stale_time: float = np.inf
     # Postures, drawn at random, over which the accelerations are found (≥ 1).
     postures: int = 2000
     # s, cycle of the velocity interface.
@@ -40,6 +43,8 @@ class VelocityEnvelopeParameters:
     def __post_init__(self) -> None:
         require_positive(self, "rise_time", "postures", "period")
         require_non_negative(self, "position_margin", "lag")
+        if not self.stale_time > 0.0:
+            raise ParameterError("stale_time", f"must be positive, got {self.stale_time}")
         if not np.all(np.asarray(self.acceleration_max, dtype=float) > 0.0):
             raise ParameterError("acceleration_max", f"must be positive, got {self.acceleration_max}")
         for name in ("torque_reserve", "speed_share", "speed_margin"):

@@ -1,6 +1,6 @@
 """The velocity envelope as the last system before a velocity interface or a servo."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.messages import Immutable
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.joint_envelope.stale import Repeated, after
 from saphari_drake.safety.velocity_envelope.law import Course, LimitedVelocity, VelocityStatus, limited_velocity
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 class _Memory(Immutable):
     limited: LimitedVelocity
     excess: Array
+    repeated: Repeated
 
 
 class VelocityEnvelope(LeafSystem):
@@ -49,9 +51,9 @@ class VelocityEnvelope(LeafSystem):
     margin : 1, share of the envelope left: 1 in its middle, 0 at a limit, negative outside.
 
     Law and guarantee: `limited_velocity`; what the motors surely give: `bounds_of`. It knows nothing of the controller.
-    A command that is not finite counts as zero, so that the joints come to rest within their limits; positions that are
-    not finite are taken from the applied velocities meanwhile, and the joints come to rest as well. The robot stands at
-    the start.
+    A command that is not finite, or comes from a dead controller (`Repeated`), counts as zero, so that the joints come
+    to rest within their limits; positions that are not finite are taken from the applied velocities meanwhile, and the
+    joints come to rest as well. The robot stands at the start.
     """
 
     def __init__(self, robot: RobotModel, params: VelocityEnvelopeParameters | None = None) -> None:
@@ -63,9 +65,12 @@ class VelocityEnvelope(LeafSystem):
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(n))
         rest = LimitedVelocity(Course(robot.home, zero, zero), int(VelocityStatus.FREE), -1, 1.0)
         limited_velocity(self.bounds, rest.course, robot.home, zero)  # compiles
-        self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(rest, zero)))
+        nan = np.full(2 * n, np.nan)
+        start = _Memory(rest, zero, Repeated(zero, nan, 0.0, nan[:n]))
+        after(start.repeated, zero, nan, 0.0, np.inf)  # compiles
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
         state = {self.abstract_state_ticket(self._memory)}
-        output = declare_cache(self, "limited", _Memory(rest, zero), self._remembered, state)
+        output = declare_cache(self, "limited", start, self._remembered, state)
         readouts = {
             "velocity_applied": (n, lambda o: o.limited.course.v),
             "velocity_excess": (n, lambda o: o.excess),
@@ -86,16 +91,19 @@ class VelocityEnvelope(LeafSystem):
         q, memory = np.array(self._position.Eval(context)), self._remembered(context)
         course = memory.limited.course
         course = course._replace(q=np.where(np.isfinite(q), q, course.q))
-        memory = _Memory(memory.limited._replace(course=course), memory.excess)
+        memory = replace(memory, limited=memory.limited._replace(course=course))
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
     def _update(self, context: Context, state: State) -> None:
-        before, q = self._remembered(context).limited, np.array(self._position.Eval(context))
-        command = np.array(self._command.Eval(context))
-        known = np.isfinite(command).all() and np.isfinite(q).all()
+        memory, q = self._remembered(context), np.array(self._position.Eval(context))
+        before, command, p = memory.limited, np.array(self._command.Eval(context)), self._params
+        stale_time = p.stale_time if command.any() else np.inf
+        repeated = Repeated(*after(memory.repeated, command, np.concatenate((q, q)), p.period, stale_time))
+        stale = not np.isnan(repeated.q_hold[0])
+        known = np.isfinite(command).all() and np.isfinite(q).all() and not stale
         wish = command if known else np.zeros(len(command))
         course, status, joint, margin = limited_velocity(self.bounds, before.course, q, wish)
         status = status if known else int(VelocityStatus.BAD_INPUT)
         excess = command - course.v if known else np.zeros(len(command))
-        memory = _Memory(LimitedVelocity(Course(*course), status, joint, margin), excess)
+        memory = _Memory(LimitedVelocity(Course(*course), status, joint, margin), excess, repeated)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

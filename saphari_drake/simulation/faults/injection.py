@@ -1,6 +1,7 @@
 """Brings the faults of a scenario into a diagram that is wired, before it is built."""
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from saphari_drake.perception.skin.layout import CELLS
@@ -19,11 +20,15 @@ from saphari_drake.simulation.faults.signals import (
 )
 from saphari_drake.simulation.faults.watch import add_watch
 from saphari_drake.simulation.faults.wiring import insert, of_kind, readers, source_of
-from saphari_drake.simulation.sensors.joint_sensor import JointSensor
+from saphari_drake.simulation.sensors.joint_sensor import JointSensor, MotorEncoder
+from saphari_drake.simulation.sensors.joint_torque_sensor import JointTorqueSensor
 from saphari_drake.simulation.world.cell import Cell
 from saphari_drake.simulation.world.profile import Truth, joint_scale
 from saphari_drake.simulation.world.wheels import Wheels
 
+Array = NDArray[np.float64]
+# What of a fault can be told from noise at all: of an encoder (rad or m), and of a torque (Nm or N); assumed.
+ENCODER_FLOOR, TORQUE_FLOOR = 0.01, 0.6
 # Who takes a controller's command, beyond the controller's own computer: of a diagram the first of these that it has.
 TAKERS = (
     ("position_servo", "position_commanded"),
@@ -40,6 +45,7 @@ def inject(
     truth: Truth,
     torque_input: InputPort | None = None,
     encoders: OutputPort | None = None,
+    state: OutputPort | None = None,
 ) -> None:
     """Insert the faults of `truth` that are no plant's, person's or camera's, and the watch of safe states.
 
@@ -54,6 +60,8 @@ def inject(
         Where the torque enters the plant.
     encoders : OutputPort, optional
         Where positions are read, in a diagram without joint sensors.
+    state : OutputPort, optional
+        State of the plant's robot (2n,), whose speed the watch notes.
     """
     if not truth.faults:
         return
@@ -67,27 +75,29 @@ def inject(
             _between(builder, name, _taker(builder), held_for(length), start)
         elif FAULTS[name].part in ("skin", "wrist"):
             _sensor(builder, truth, name, start)
-    add_watch(builder, truth)
+    add_watch(builder, truth, robot, state)
 
 
 def inject_into(builder: DiagramBuilder, cell: Cell, truth: Truth) -> None:
     """Insert the faults of `truth`, and the brakes that they may need, into a diagram with a cell."""
-    if truth.faults:
+    inject(builder, cell.robot, truth, cell.torque_input, state=cell.robot_state)
+    if truth.faults:  # the last before the plant: they hold whatever the drives do
         add_brakes(builder, cell)
-    inject(builder, cell.robot, truth, cell.torque_input)
 
 
-def _between(builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil, start: float) -> None:
+def _between(
+    builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil, start: float, floor: Array | float = 0.0
+) -> None:
     source = source_of(builder, target)
-    insert(builder, source, target, builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start)))
+    insert(builder, source, target, builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start, floor)))
 
 
 def _driven(builder: DiagramBuilder, name: str, target: InputPort, spoil: Spoil, start: float) -> None:
-    """Of the torque, wheels feel what the plant gets."""
+    """Of the torque, wheels and torque sensors feel what the plant gets."""
     source = source_of(builder, target)
-    system = builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start))
+    system = builder.AddNamedSystem(name, SignalFault(target.size(), spoil, start, TORQUE_FLOOR))
     for reader in readers(builder, source):
-        if reader.get_system() is target.get_system() or isinstance(reader.get_system(), Wheels):
+        if reader.get_system() is target.get_system() or isinstance(reader.get_system(), Wheels | JointTorqueSensor):
             insert(builder, source, reader, system)
 
 
@@ -111,8 +121,10 @@ def _encoders(
     if source is not None:
         _behind(builder, name, source, spoil, start)
         return
-    for sensor in of_kind(builder, JointSensor):
-        _between(builder, f"{name} {sensor.get_name()}", sensor.GetInputPort("state"), spoil, start)
+    struck = (sensor for sensor in of_kind(builder, JointSensor) if not isinstance(sensor, MotorEncoder))
+    floor = np.repeat([ENCODER_FLOOR, np.inf], robot.n)  # a speed that is wrong for a moment is none
+    for sensor in struck:
+        _between(builder, f"{name} {sensor.get_name()}", sensor.GetInputPort("state"), spoil, start, floor)
 
 
 def _torque(robot: RobotModel, truth: Truth, name: str) -> Spoil:

@@ -12,10 +12,11 @@ ARM = ("encoders", "torque", "controller", "plant")  # what every arm with torqu
 
 
 class Fault(NamedTuple):
-    """A fault: the part of an experiment that it acts on, and what it is, in a line."""
+    """A fault: the part of an experiment that it acts on, what it is, and why nobody can tell it, if so, in a line."""
 
     part: str
     about: str
+    bounded: str = ""
 
 
 FAULTS = {
@@ -29,19 +30,35 @@ FAULTS = {
     "encoder_freeze": Fault("encoders", "one joint reads as at the start of the fault, without speed"),
     "encoder_nan": Fault("encoders", "one joint reads as not a number"),
     "torque_bias": Fault("torque", "a constant more in every joint"),
-    "torque_noise": Fault("torque", "noise of three times that of the realistic plant"),
+    "torque_noise": Fault("torque", "noise of three times that of the realistic plant", "its mean is zero"),
     "torque_stuck": Fault("torque", "one joint keeps its torque, whatever is commanded"),
-    "controller_late": Fault("controller", "no new command for one cycle"),
-    "controller_late_10": Fault("controller", "no new command for ten cycles"),
+    "controller_late": Fault("controller", "no new command for one cycle", "a cycle is what computers are late by"),
+    "controller_late_10": Fault("controller", "no new command for ten cycles", "ten cycles of 1 or 2 ms may pass"),
     "controller_dead": Fault("controller", "no new command any more"),
-    "payload": Fault("plant", "a payload that nobody knows, from the beginning"),
-    "model_error": Fault("plant", "mass and inertia of each link off by up to 10 %, from the beginning"),
-    "friction_double": Fault("plant", "twice the friction of the realistic plant, from the beginning"),
+    "payload": Fault(
+        "plant",
+        "a payload that nobody knows, from the beginning",
+        "it acts as a push does, and is learned before anybody touches",
+    ),
+    "model_error": Fault(
+        "plant",
+        "mass and inertia of each link off by up to 10 %, from the beginning",
+        "it acts as a push does, and is learned before anybody touches",
+    ),
+    "friction_double": Fault(
+        "plant", "twice the friction of the realistic plant, from the beginning", "it acts as a push does"
+    ),
     "skin_dead": Fault("skin", "a share of the skin's modules reads nothing"),
     "skin_lost": Fault("skin", "no sample of the skin any more"),
     "wrist_biased": Fault("wrist", "a constant more in each component of the wrist sensor"),
-    "person_faster": Fault("person", "the person moves at twice the speed, from the beginning"),
-    "person_unseen": Fault("view", "the person comes in from outside of the view, at speed"),
+    "person_faster": Fault(
+        "person",
+        "the person moves at twice the speed, from the beginning",
+        "no sensor knows how fast a person was meant to be",
+    ),
+    "person_unseen": Fault(
+        "view", "the person comes in from outside of the view, at speed", "no sensor sees outside of the view"
+    ),
 }
 STATIC = ("payload", "model_error", "friction_double", "person_faster")  # present from the beginning
 

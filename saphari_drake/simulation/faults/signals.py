@@ -21,23 +21,26 @@ class SignalFault(LeafSystem):
         - value
         output_ports:
         - faulty
+        - acts
 
     Ports
     -----
     value : `size`, unit and frame of the signal.
     faulty : `size`, the same before `start`, then ``spoil(value, last, since)``: of the value, of the last one before
         the fault, and of the time since its start (s).
+    acts : 1, whether an entry that is faulty differs by more than `floor` from what it should be.
 
     State: the last value before the fault, at steps of 1 ms.
     """
 
-    def __init__(self, size: int, spoil: Spoil, start: float) -> None:
+    def __init__(self, size: int, spoil: Spoil, start: float, floor: Array | float = 0.0) -> None:
         super().__init__()
-        self._spoil, self._start = spoil, start
+        self._spoil, self._start, self._floor = spoil, start, floor
         self._value = self.DeclareVectorInputPort("value", BasicVector(size))
         self._last = self.DeclareDiscreteState(size)
         tickets = {self._value.ticket(), self.discrete_state_ticket(self._last), self.time_ticket()}
         self.DeclareVectorOutputPort("faulty", BasicVector(size), self._calc, prerequisites_of_calc=tickets)
+        self.DeclareVectorOutputPort("acts", BasicVector(1), self._calc_acts, prerequisites_of_calc=tickets)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         self.DeclarePeriodicUnrestrictedUpdateEvent(STEP, 0.0, self._remember)
 
@@ -46,6 +49,10 @@ class SignalFault(LeafSystem):
         if since >= 0.0:
             value = self._spoil(np.array(value), context.get_discrete_state(self._last).value(), since)
         output.SetFromVector(value)
+
+    def _calc_acts(self, context: Context, output: BasicVector) -> None:
+        difference = np.abs(self.GetOutputPort("faulty").Eval(context) - self._value.Eval(context))
+        output.SetAtIndex(0, float(not np.all(difference <= self._floor)))
 
     def _remember(self, context: Context, state: State) -> None:
         if context.get_time() < self._start:

@@ -1,6 +1,7 @@
-"""How soon a fault is answered: the time at which any system publishes a safe state."""
+"""How soon a fault is answered: the time at which any system publishes a safe state, and what the joints did."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,13 @@ from saphari_drake.control.hand_guiding.touch import GuidingStatus
 from saphari_drake.control.nmpc.parameters import NmpcStatus
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.messages import InteractionMode, SystemStatus
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus
 from saphari_drake.safety.supervisor.law import CellState
 from saphari_drake.safety.velocity_envelope.law import VelocityStatus
 from saphari_drake.safety.verified_stop.law import StopStatus
+from saphari_drake.simulation.faults.signals import SignalFault
+from saphari_drake.simulation.faults.wiring import of_kind
 from saphari_drake.simulation.world.profile import Truth
 
 Array = NDArray[np.float64]
@@ -37,40 +41,71 @@ SAFE: dict[tuple[str, str], tuple[int, ...]] = {
 }  # fmt: skip
 
 
+class Answer(NamedTuple):
+    """What became of the faults of a run."""
+
+    time: float  # s, of the first safe state from the fault on; infinite if none was published
+    observable: float  # s, since when a fault has an effect above the noise; infinite if it had none
+    speed_share: float  # largest speed of a joint from the fault on, over its limit; NaN where it is not known
+
+    @property
+    def reaction(self) -> float:
+        """Time from effect to answer (s): infinite if it is silent, zero if it came before, or nothing was to tell."""
+        if not np.isfinite(self.time):
+            return np.inf if np.isfinite(self.observable) else 0.0
+        return max(self.time - self.observable, 0.0)
+
+
 class FaultWatch(LeafSystem):
-    """Notes when a safe state is published first after a fault.
+    """Notes when a safe state is published first after a fault, and what the joints do.
 
     .. pydrake_system::
 
         name: FaultWatch
         input_ports:
+        - state
         - (each port that is watched)
+        - (acts of each signal that is spoiled)
         output_ports:
-        - answered
+        - answer
 
     Ports
     -----
+    state : 2n (rad or m, then rad/s or m/s), of the plant; optional.
     (each port that is watched) : 1, a status. One that is safe since the beginning, before the first sensor has told
         anything, answers no fault until it has been otherwise.
-    answered : 1 (s), the time of the first safe state from `start` on; infinite before.
+    (acts of each signal that is spoiled) : 1, whether its fault has an effect; without such signals all have one.
+    answer : 3, an `Answer`.
     """
 
-    def __init__(self, ports: list[tuple[str, tuple[int, ...]]], start: float) -> None:
+    def __init__(
+        self, ports: list[tuple[str, tuple[int, ...]]], start: float, signals: list[str], v_max: Array
+    ) -> None:
         super().__init__()
-        self._start, self._safe = start, [values for _, values in ports]
+        self._start, self._safe, self._v_max = start, [values for _, values in ports], v_max
+        self._state = self.DeclareVectorInputPort("state", BasicVector(2 * len(v_max)))
         self._ports = [self.DeclareVectorInputPort(name, BasicVector(1)) for name, _ in ports]
-        self._answered = self.DeclareDiscreteState([np.inf])
+        self._signals = [self.DeclareVectorInputPort(name, BasicVector(1)) for name in signals]
+        self._answer = self.DeclareDiscreteState([np.inf, np.inf, np.nan])
         self._begun = self.DeclareDiscreteState(len(ports))  # 1: the port has told another state than a safe one
-        self.DeclareStateOutputPort("answered", self._answered)
+        self.DeclareStateOutputPort("answer", self._answer)
         self.DeclarePeriodicUnrestrictedUpdateEvent(STEP, OFFSET, self._look)
 
     def _look(self, context: Context, state: State) -> None:
         now, begun = context.get_time(), context.get_discrete_state(self._begun).value()
         safe = np.array([port.Eval(context)[0] in values for port, values in zip(self._ports, self._safe)], dtype=bool)
         state.get_mutable_discrete_state(self._begun).SetFromVector(np.where(safe, begun, 1.0))
-        if now >= self._start and np.any(safe & (begun > 0.0)):
-            first = min(now, context.get_discrete_state(self._answered).value()[0])
-            state.get_mutable_discrete_state(self._answered).SetFromVector([first])
+        if now < self._start:
+            return
+        time, observable, share = context.get_discrete_state(self._answer).value()
+        if np.any(safe & (begun > 0.0)):
+            time = min(time, now)
+        if not self._signals or any(port.Eval(context)[0] > 0.0 for port in self._signals):
+            observable = min(observable, self._start if not self._signals else now)
+        if self._state.HasValue(context):
+            speed = np.abs(self._state.Eval(context)[len(self._v_max) :])
+            share = np.fmax(share, np.max(speed / self._v_max))
+        state.get_mutable_discrete_state(self._answer).SetFromVector([time, observable, share])
 
 
 def watched(builder: DiagramBuilder) -> Iterator[tuple[str, OutputPort, tuple[int, ...]]]:
@@ -84,18 +119,23 @@ def watched(builder: DiagramBuilder) -> Iterator[tuple[str, OutputPort, tuple[in
                     yield f"{system.get_name()} {name}", port, values
 
 
-def add_watch(builder: DiagramBuilder, truth: Truth) -> None:
+def add_watch(builder: DiagramBuilder, truth: Truth, robot: RobotModel, state: OutputPort | None = None) -> None:
     """Add a watch of all safe states that a diagram publishes, from the first fault on."""
-    found = list(watched(builder))
-    watch = FaultWatch([(name, values) for name, _, values in found], min(truth.faults.values()))
+    found, spoiled = list(watched(builder)), list(of_kind(builder, SignalFault))
+    signals, ports = [f"{system.get_name()} acts" for system in spoiled], [(name, safe) for name, _, safe in found]
+    watch = FaultWatch(ports, min(truth.faults.values()), signals, robot.v_max)
     builder.AddNamedSystem(NAME, watch)
     for name, port, _ in found:
         builder.Connect(port, watch.GetInputPort(name))
+    for name, system in zip(signals, spoiled):
+        builder.Connect(system.GetOutputPort("acts"), watch.GetInputPort(name))
+    if state is not None:
+        builder.Connect(state, watch.GetInputPort("state"))
 
 
-def answered(diagram: Diagram, root: Context) -> float | None:
-    """Return when the faults of a run were answered (s), infinite if never; None in a diagram without faults."""
+def answer(diagram: Diagram, root: Context) -> Answer | None:
+    """Return what became of the faults of a run; None in a diagram without faults."""
     if not diagram.HasSubsystemNamed(NAME):
         return None
     watch = diagram.GetSubsystemByName(NAME)
-    return float(watch.get_output_port().Eval(watch.GetMyContextFromRoot(root))[0])
+    return Answer(*watch.get_output_port().Eval(watch.GetMyContextFromRoot(root)).tolist())

@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from saphari_drake.simulation.faults.watch import Answer
 from saphari_drake.simulation.runner.results import Metric
 
 
-def fault_metrics(scenario: Any, answered: Iterable[float]) -> list[Metric]:
-    """Return start and reaction of the faults of a `PlantScenario`; `answered`: when each run published a safe state.
+def fault_metrics(scenario: Any, answers: Iterable[Answer]) -> list[Metric]:
+    """Return start and reaction of the faults of a `PlantScenario`; `answers`: what became of them in each run.
 
-    A fault that no system answers within the run is silent, and its reaction is infinite. Neither decides a verdict:
-    not every fault needs a safe state.
+    The reaction counts from the first effect above the noise. A fault that no system answers within the run is silent,
+    and its reaction is infinite. Neither decides a verdict: not every fault needs a safe state.
     """
     start = min(scenario.truth(1.0).faults.values())
-    reactions = np.array(list(answered), dtype=float) - start
+    reactions = np.array([answer.reaction for answer in answers], dtype=float)
     silent = float(np.sum(~np.isfinite(reactions)))
     longest = float(reactions.max()) if reactions.size else np.inf
     return [

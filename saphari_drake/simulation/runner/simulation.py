@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from saphari_drake.simulation.faults.watch import answered
+from saphari_drake.simulation.faults.watch import Answer, answer
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder, recorded
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
@@ -28,11 +28,11 @@ class RunOptions:
     meshcat : Meshcat, optional
         Live view to publish to.
     answered : dict
-        For each run with faults, when they were answered (s); the runs fill it in.
+        For each run with faults, what became of them; the runs fill it in.
     """
 
     meshcat: Meshcat | None = None
-    answered: dict[int, float] = field(default_factory=dict)
+    answered: dict[int, Answer] = field(default_factory=dict)
 
     @property
     def realtime_rate(self) -> float:
@@ -71,9 +71,9 @@ class Simulation:
         cpu, context = time.process_time(), self._simulator.get_context()
         self.wall += advance(self._simulator, end - context.get_time(), self._label)
         self.cpu += time.process_time() - cpu
-        when = answered(self._diagram, context)
-        if when is not None:
-            self._options.answered[self._number] = when
+        became = answer(self._diagram, context)
+        if became is not None:
+            self._options.answered[self._number] = became
         return context
 
     def log(self, recorder: Recorder) -> Log:

@@ -96,3 +96,22 @@ class JointSensor(LeafSystem):
     def _store(self, updated: State, q: Array, v: Array) -> None:
         updated.get_mutable_discrete_state(self._q).SetFromVector(q)
         updated.get_mutable_discrete_state(self._v).SetFromVector(v)
+
+
+class MotorEncoder(JointSensor):
+    """The second encoders of the joints, at the motors: sampled alike, and struck by faults of their own alone.
+
+    .. pydrake_system::
+
+        name: MotorEncoder
+        input_ports:
+        - state
+        output_ports:
+        - position_measured
+        - velocity_measured
+
+    Ports
+    -----
+    state : 2n (rad or m, then rad/s or m/s), from the plant.
+    position_measured, velocity_measured : n, as of a `JointSensor`.
+    """

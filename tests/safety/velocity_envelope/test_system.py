@@ -61,3 +61,25 @@ def test_a_clone_goes_on_as_the_original(lwr4):
     for b in (one, two):
         b.run(5, velocity_commanded=np.full(7, -0.5))
     np.testing.assert_array_equal(one.read("velocity_applied"), two.read("velocity_applied"))
+
+
+def test_a_command_of_a_dead_controller_brings_the_joints_to_rest(lwr4):
+    """The same, bit for bit, while the robot moves; zero is never stale, nor a command while nothing moves."""
+    system = VelocityEnvelope(lwr4, VelocityEnvelopeParameters(period=PERIOD, stale_time=0.05))
+    b, q = Bench(system, position_measured=lwr4.home, velocity_commanded=np.full(7, 0.3)), lwr4.home
+    b.run(40)
+    assert b.read("status") != VelocityStatus.BAD_INPUT
+    for k in range(40):
+        q = q + PERIOD * b.read("velocity_applied")
+        b.run(1, position_measured=q, velocity_commanded=np.full(7, 0.3 + 1e-9 * k))
+        assert b.read("status") != VelocityStatus.BAD_INPUT
+    told = []
+    for _ in range(60):
+        q = q + PERIOD * b.read("velocity_applied") + 1e-7
+        b.run(1, position_measured=q)
+        told.append(b.read("status") == VelocityStatus.BAD_INPUT)
+    assert told.index(True) == 10 and all(told[10:])
+    np.testing.assert_allclose(b.read("velocity_applied"), 0.0, atol=1e-6)
+    for k in range(40):
+        b.run(1, position_measured=q + 1e-6 * k, velocity_commanded=np.zeros(7))
+        assert b.read("status") != VelocityStatus.BAD_INPUT

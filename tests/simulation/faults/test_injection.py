@@ -9,7 +9,7 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.faults.registry import ARM, possible
-from saphari_drake.simulation.faults.watch import answered
+from saphari_drake.simulation.faults.watch import answer
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import add_cell
 from saphari_drake.simulation.world.profile import Truth
@@ -53,8 +53,8 @@ class Loop:
         return np.array(getattr(system, f"Get{kind}Port")(port).Eval(context))
 
     @property
-    def answered(self):
-        return answered(self.diagram, self.simulator.get_context())
+    def answer(self):
+        return answer(self.diagram, self.simulator.get_context())
 
 
 @pytest.mark.parametrize("name", [name for name in possible(ARM) if possible(ARM)[name].part != "plant"])
@@ -70,14 +70,22 @@ def test_each_fault_of_an_arm_acts_after_its_start_alone(lwr4, name):
 def test_an_encoder_that_is_dead_is_answered_at_once(lwr4):
     loop = Loop(lwr4, "encoder_nan").run(START + 0.02)
     assert np.isnan(loop.read(loop.sensor, "position_measured")[loop.joint])
-    assert loop.answered == pytest.approx(START, abs=0.003)
+    assert loop.answer.time == loop.answer.observable == pytest.approx(START, abs=0.003)
+    assert 0.0 < loop.answer.speed_share < 1.0
 
 
 def test_a_fault_that_nobody_sees_is_silent(lwr4):
-    assert Loop(lwr4, "torque_bias").run(START + 0.1).answered == np.inf
+    answer = Loop(lwr4, "torque_bias").run(START + 0.1).answer
+    assert answer.time == answer.reaction == np.inf and answer.observable == pytest.approx(START, abs=0.003)
+
+
+def test_a_fault_counts_from_its_first_effect(lwr4):
+    """A frozen encoder has none until its joint has moved by the floor."""
+    loop = Loop(lwr4, "encoder_freeze").run(START + 0.2)
+    assert START + 0.02 < loop.answer.observable < START + 0.2
 
 
 def test_without_faults_nothing_is_added(lwr4):
     loop = Loop(lwr4)
-    assert loop.answered is None
+    assert loop.answer is None
     assert not [system for system in loop.diagram.GetSystems() if "Fault" in type(system).__name__]

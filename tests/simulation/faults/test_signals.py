@@ -17,7 +17,9 @@ def spoiled(spoil, seconds=0.3):
     source = builder.AddSystem(Sine(np.ones(N), np.arange(5.0, 5.0 + N), 0.3 * np.ones(N)))
     fault = builder.AddSystem(SignalFault(N, spoil, START))
     builder.Connect(source.get_output_port(0), fault.get_input_port())
-    logs = [LogVectorOutput(port, builder, 0.001) for port in (source.get_output_port(0), fault.get_output_port())]
+    logs = [
+        LogVectorOutput(port, builder, 0.001) for port in (source.get_output_port(0), fault.GetOutputPort("faulty"))
+    ]
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(seconds)
     good, bad = (log.FindLog(simulator.get_context()) for log in logs)
@@ -59,3 +61,12 @@ def test_an_encoder_glitches_freezes_and_dies():
     assert np.ptp(bad[:, 1]) == 0.0 and np.all(bad[:, 3] == 0.0) and np.array_equal(bad[:, 0], good[:, 0])
     _, _, bad = spoiled(encoder("nan", 0, 2))
     assert np.isnan(bad[:, [0, 2]]).all() and np.isfinite(bad[:, [1, 3]]).all()
+
+
+def test_a_fault_acts_when_it_differs_by_more_than_the_floor():
+    """Not a number always differs; a bias below the floor does not."""
+    for offset, floor, acts in ((0.2, 0.1, 1.0), (0.2, 0.3, 0.0), (np.nan, 0.3, 1.0)):
+        fault = SignalFault(N, shifted(np.full(N, offset)), 0.0, floor)
+        context = fault.CreateDefaultContext()
+        fault.get_input_port().FixValue(context, np.ones(N))
+        assert fault.GetOutputPort("acts").Eval(context)[0] == acts

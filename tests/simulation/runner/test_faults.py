@@ -5,14 +5,24 @@ import importlib
 import numpy as np
 import pytest
 
+from saphari_drake.simulation.faults.watch import Answer
 from saphari_drake.simulation.runner.experiment import main
 from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 
 
-@pytest.mark.parametrize(("answered", "reaction", "silent"), [([1.54, 1.51], 0.04, 0.0), ([1.54, np.inf], np.inf, 1.0)])
-def test_reaction_is_that_of_the_slowest_run(answered, reaction, silent):
-    metrics = {m.name: m for m in fault_metrics(PlantScenario(faults=["torque_bias"], fault_time=1.5), answered)}
+@pytest.mark.parametrize(
+    ("told", "reaction", "silent"),
+    [
+        ([(1.54, 1.5), (1.51, 1.5)], 0.04, 0.0),
+        ([(1.54, 1.5), (np.inf, 1.5)], np.inf, 1.0),
+        ([(1.74, 1.7), (np.inf, np.inf), (1.5, 1.6)], 0.04, 0.0),
+    ],
+)
+def test_reaction_is_that_of_the_slowest_run_from_the_first_effect(told, reaction, silent):
+    """A run in which the fault had no effect is not silent."""
+    answers = [Answer(time, observable, 0.5) for time, observable in told]
+    metrics = {m.name: m for m in fault_metrics(PlantScenario(faults=["torque_bias"], fault_time=1.5), answers)}
     assert metrics["fault_time_s"].value == 1.5
     assert metrics["fault_reaction_s"].value == pytest.approx(reaction)
     assert metrics["silent_faults"].value == silent

@@ -1,43 +1,52 @@
 """Trials of faults: what they come to, and their table."""
 
-from experiments.evidence.fault_trials import TRIALS, fault_jobs, fault_summary, faults_table
-from experiments.evidence.runs import Job, Run
+import math
+from pathlib import Path
+
+from experiments.evidence.fault_run import run_trial
+from experiments.evidence.fault_trials import SOON, TRIALS, fault_summary, faults_table, recorded_trial
 
 from saphari_drake.simulation.faults.registry import FAULTS
 
-SCRIPT, CASE, _ = TRIALS[0]
+CASE = TRIALS[0].name
+DIAGRAMS = Path(__file__).parents[4] / "diagrams"
 
 
-def run(seed, reaction, speed=0.5):
-    metrics = {"fault_reaction_s": reaction, "joint_speed_share_max": speed}
-    return Run(Job(SCRIPT, CASE, seed, "encoder_nan"), 0, 1.0, {"metrics": metrics})
+def trials(*reactions, speed=0.5, observable=1.0):
+    """Return trials by seed as they are kept."""
+    results = ({"start": 0.9, "observable": observable, "reaction": r, "speed_share": speed} for r in reactions)
+    return {str(seed): recorded_trial(result) for seed, result in enumerate(results)}
 
 
-def test_every_fault_is_tried_on_every_case_with_every_seed():
-    jobs = fault_jobs([0, 1], [])
-    assert len(jobs) == len({job.name for job in jobs}) == len(FAULTS) * len(TRIALS) * 2
-    assert jobs[0].options[:2] == ("--set", f"faults=[{jobs[0].label}]")
+def test_the_latest_answer_the_silent_seeds_and_the_fastest_joint_are_told():
+    """A trial without an effect above the noise is neither told nor silent."""
+    results = trials(0.02, 0.3, math.inf, 0.0)
+    results["3"]["observable"], results["1"]["speed_share"] = None, 0.9
+    expected = {"trials": 4, "acting": 3, "told": 2, "soon": 1, "reaction_max_s": 0.3, "silent_seeds": [2]}
+    assert fault_summary(results) == {**expected, "speed_share_max": 0.9, "worst_seed": 1}
 
 
-def test_the_latest_answer_and_the_fastest_joint_are_told():
-    """A fault that nobody answers has no reaction; one of a part that a case does not have is no trial."""
-    summary = fault_summary([run(0, 0.02), run(1, 0.3, 0.9), run(2, None)])
-    expected = {"trials": 3, "made": 3, "answered": 2, "soon": 1, "reaction_max_s": 0.3}
-    assert summary == {**expected, "speed_share_max": 0.9, "worst_seed": 1}
-    no_part = Run(Job(SCRIPT, CASE, 0, "skin_lost"), 2, 1.0, {}, "error: fault 'skin_lost': acts on skin")
-    assert fault_summary([no_part]) == {}
-    broken = Run(Job(SCRIPT, CASE, 0, "encoder_nan"), 2, 1.0, {}, "error: the push never touched")
-    assert fault_summary([broken])["made"] == 0
-
-
-def test_the_table_says_what_is_silent():
-    name = f"{SCRIPT}/{CASE}"
+def test_the_table_says_what_is_silent_late_or_bounded():
     recorded = {
-        "encoder_nan": {name: fault_summary([run(0, 0.02), run(1, 0.3, 0.9)])},
-        "camera_noise": {name: fault_summary([run(0, None)])},
+        "encoder_nan": {CASE: trials(0.02, 0.05, speed=0.9)},
+        "camera_noise": {CASE: trials(math.inf)},
+        "torque_bias": {CASE: trials(0.3)},
+        "torque_noise": {CASE: trials(math.inf)},
+        "torque_stuck": {CASE: trials(0.0, observable=math.inf)},
     }
-    lines = faults_table(recorded).splitlines()
-    assert len(lines) == 4
-    assert "no state published (0 of 1)" in lines[2]
-    assert "300 ms (2 of 2)" in lines[3] and f"0.90 ({name}, seed 1)" in lines[3]
+    told = {line.split("`")[1]: line for line in faults_table(recorded).splitlines()[2:]}
+    assert "50 ms (2 of 2)" in told["encoder_nan"] and f"0.90 ({CASE}, seed 0)" in told["encoder_nan"]
+    assert "**no state published** (0 of 1)" in told["camera_noise"]
+    assert "**300 ms** (1 of 1, 0 within 100 ms)" in told["torque_bias"]
+    assert "bounded, joint speed ≤ 0.50 (1)" in told["torque_noise"]
+    assert FAULTS["torque_noise"].bounded in told["torque_noise"]
+    assert "no effect above the noise (1)" in told["torque_stuck"]
     assert faults_table({}).startswith("Not run yet")
+
+
+def test_a_frozen_encoder_of_predictive_control_is_answered_in_time():
+    """Seed 0 of the trials: joints within their limits all the while."""
+    trial = next(trial for trial in TRIALS if trial.script == "nmpc_manipulator")
+    became = run_trial(trial, "encoder_freeze", 0)
+    assert trial.earliest < became["start"] < trial.latest
+    assert became["reaction"] <= SOON and became["told"] < math.inf and became["speed_share"] <= 1.0

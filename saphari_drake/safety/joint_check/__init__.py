@@ -1,0 +1,1 @@
+"""Whether encoders and drives of a robot say what can be true."""

@@ -1,0 +1,65 @@
+"""The check in a diagram: what it passes on, when it believes again, and its Context."""
+
+import numpy as np
+import pytest
+from bench import PERIOD, Bench
+
+from saphari_drake.messages import SystemStatus
+from saphari_drake.safety.joint_check.law import JointCheckStatus
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
+from saphari_drake.safety.joint_check.system import JointCheck
+
+
+@pytest.fixture
+def bench(lwr4):
+    system = JointCheck(lwr4, JointCheckParameters(period=PERIOD, recovery_time=4 * PERIOD))
+    return Bench(system, position_measured=lwr4.home, velocity_measured=np.zeros(7), position_second=lwr4.home)
+
+
+def moved(q, joint, by):
+    q = np.array(q)
+    q[joint] += by
+    return q
+
+
+def test_what_is_sound_passes_as_it_is(bench, lwr4):
+    for k in range(10):
+        q = lwr4.home + 1e-3 * k
+        bench.run(1, position_measured=q, position_second=q, velocity_measured=np.full(7, 0.2))
+        np.testing.assert_array_equal(bench.read("position_checked"), q)
+        np.testing.assert_array_equal(bench.read("velocity_checked"), np.full(7, 0.2))
+        assert bench.read("system_status") == SystemStatus.OK and bench.read("joint") == -1
+
+
+def test_a_doubted_joint_asks_for_the_brakes_until_all_agrees_for_a_while(bench, lwr4):
+    bench.run(2, position_measured=moved(lwr4.home, 4, 0.05))
+    assert np.isnan(bench.read("position_checked")).all() and np.isnan(bench.read("velocity_checked")).all()
+    assert (bench.read("system_status"), bench.read("joint")) == (SystemStatus.BRAKES_ON, 4)
+    bench.run(2, position_measured=lwr4.home)
+    assert bench.read("status") == JointCheckStatus.RECOVERING and np.isnan(bench.read("position_checked")).all()
+    bench.run(5)
+    assert bench.read("status") == JointCheckStatus.OK
+    np.testing.assert_array_equal(bench.read("position_checked"), lwr4.home)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("port", ["position_second", "torque_measured", "torque_expected"])
+def test_a_witness_that_is_not_known_is_none(bench, lwr4, port, bad):
+    bench.run(5, **{port: np.full(7, bad)})
+    np.testing.assert_array_equal(bench.read("position_checked"), lwr4.home)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_position_that_is_not_known_is_told_and_no_jump(bench, lwr4, bad):
+    bench.run(2, position_measured=moved(lwr4.home, 0, bad))
+    assert bench.read("system_status") == SystemStatus.BAD_INPUT
+    bench.run(2, position_measured=lwr4.home)
+    assert bench.read("system_status") == SystemStatus.OK
+
+
+def test_a_clone_goes_on_as_the_original(bench, lwr4):
+    bench.run(2, position_measured=moved(lwr4.home, 4, 0.05))
+    other = bench.clone()
+    for each in (bench, other):
+        each.run(2, position_measured=lwr4.home)
+    assert bench.read("status") == other.read("status") == JointCheckStatus.RECOVERING
