@@ -1,7 +1,5 @@
 """Whether the wrist sensor tells of the force that the joints feel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """What single frames of a fixed camera show of its faults: a blind patch, too much noise, another place."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple

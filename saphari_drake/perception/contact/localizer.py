@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _NOBODY = np.zeros((0, 3))
 _WORST_LAST = (CameraStatus.OK, CameraStatus.WAITING, CameraStatus.INVALID, CameraStatus.STALE)
-_STRIDE = 16  # pixels; of the sample that tells whether a frame is the last one again
+_SIDE = 60  # pixels along the shorter side of an image that tell whether a frame is the last one again
 
 
 class _Camera(NamedTuple):
@@ -43,7 +43,8 @@ class _Camera(NamedTuple):
 
     def repeated(self, depth: Depth | None) -> tuple[Depth | None, int]:
         """Return pixels of a new frame, and for how many frames they have been the same, bit for bit."""
-        sample = None if depth is None else depth[::_STRIDE, ::_STRIDE].copy()
+        step = 1 if depth is None else max(1, min(depth.shape) // _SIDE)
+        sample = None if depth is None else depth[::step, ::step].copy()
         same = sample is not None and self.sample is not None and np.array_equal(sample, self.sample, equal_nan=True)
         return sample, self.repeats + 1 if same else 0
 
