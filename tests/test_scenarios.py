@@ -5,23 +5,23 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 from experiments.evidence.discovery import DEFINES
 from pydrake.common.yaml import yaml_dump_typed
 
-from saphari_drake.simulation.runner.scenario import merged, to_tree
+from saphari_drake.simulation.runner.scenario import load_tree, merged, to_tree
 
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 SCRIPTS = [path for path in sorted(DIAGRAMS.glob("*.py")) if DEFINES.search(path.read_text(encoding="utf-8"))]
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_scenarios_are_written_and_read(path):
+def test_scenarios_are_written_and_read(path, tmp_path):
     spec = importlib.util.spec_from_file_location(f"scenarios_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     for case in module.EXPERIMENT.cases:
         scenario = module.EXPERIMENT.scenario_for(case)
-        tree = yaml.safe_load(yaml_dump_typed(scenario))
-        assert to_tree(merged(module.EXPERIMENT.scenario_for(case), tree)) == to_tree(scenario)
+        (tmp_path / "scenario.yaml").write_text(yaml_dump_typed(scenario), encoding="utf-8")
+        again = merged(module.EXPERIMENT.scenario_for(case), load_tree(tmp_path / "scenario.yaml"))
+        assert to_tree(again) == to_tree(scenario)
