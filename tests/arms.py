@@ -100,11 +100,13 @@ MOTORS = {"lwr4": dict(zip((f"joint_{k}" for k in range(1, 8)), (0.1, 0.1, 0.1, 
 
 
 class PinocchioTwin:
-    """The same file read and evaluated by Pinocchio, in the joint order of a `RobotModel`."""
+    """The same file read and evaluated by Pinocchio, in the joint order of a `RobotModel`; other joints stay at zero."""
 
     def __init__(self, robot):
         self.X_WB = robot.X_WB
-        self.model = pin.buildModelFromUrdf(str(robot.path))
+        whole = pin.buildModelFromUrdf(str(robot.path))
+        held = [whole.getJointId(name) for name in whole.names[1:] if name not in robot.joint_names]
+        self.model = pin.buildReducedModel(whole, held, pin.neutral(whole))
         R_BW = robot.X_WB.rotation().inverse().matrix()
         self.model.gravity.linear = R_BW @ np.array([0.0, 0.0, -9.81])
         self.order = np.array([self.model.joints[self.model.getJointId(n)].idx_v for n in robot.joint_names])

@@ -101,7 +101,6 @@ def test_seed_changes_where_and_whence(scripts):
     "arguments, words",
     [
         (["--case", "ideal"], ["ideal", "task_error_pd"]),
-        (["--case", "momentum", "--duration", "5"], ["duration", "departure", "dwell"]),
         (["--case", "task_error_pd", "--set", "system.controller.gamma=7"], ["gamma", "must be below"]),
         (["--case", "none", "--set", "system.controller.period=0.004"], ["controller.period", "set period"]),
         (["--case", "none", "--set", "system.cell.ball.touch.link=nose"], ["nose", "link_3"]),

@@ -43,6 +43,8 @@ EXPERIMENTS = [
     Row("nmpc_manipulator", "both", "position_error_m", "position error at the goal", MM),
     Row("nmpc_manipulator", "both", "orientation_error_rad", "orientation error at the goal", RAD),
     Row("nmpc_manipulator", "both", "min_distance_m", "least distance, every 1 ms", METRES),
+    Row("nmpc_manipulator", "random", "reached_share", "random jobs that reach their goal", PERCENT),
+    Row("nmpc_manipulator", "random", "min_distance_margin_m", "least distance in them, beyond the asked one", MM),
     Row("nmpc_mobile_manipulator", "3", "min_clearance_m", "least clearance, every 1 ms", MM),
     Row("nmpc_mobile_manipulator", "1 2 3", "tracking_error_mean_m", "tracking error, mean", MM),
     Row("nmpc_mobile_manipulator", "1 2 3", "step_ms_median", "one step on the simulated plant, median", MS),
@@ -82,6 +84,7 @@ EXPERIMENTS = [
     Row("null_space_ball", OBSERVERS, "transient_error_m", "transient, three observers", MM),
     Row("null_space_wall", "none", "tracking_error_max_m", "largest tracking error, no observer", MM),
     Row("null_space_wall", OBSERVERS, "tracking_error_max_m", "largest tracking error, three observers", MM),
+    Row("null_space_ball", "random", "dwell_error_max_m", "task error in the dwell, worst of random pushes", MICRONS),
     Row(
         "skin_hand_guiding",
         "end_effector_first body_first recorded",
@@ -160,6 +163,7 @@ EXPERIMENTS = [
     Row("contact_force", "drift", "drift_speed_error_relative", "drift speed against the prediction", PERCENT),
     Row("contact_force", "drift", "drift_direction_error_rad", "drift direction against the prediction", RAD),
     Row("contact_force", "drift", "max_speed", "fastest contact point, with the speed stop", SPEED),
+    Row("contact_force", "random", "force_norm_error_p95_N", "error of the force, p95 of random touches", NEWTON),
     Row("contact_alone", "links tool blind", "tip_way_m", "farthest the wrist moves, nobody near", MM),
     Row("contact_alone", "links tool blind", "false_contact_share", "time in which a contact is felt", PERCENT),
     Row("identify", "arm tool", "coulomb_error_Nm", "error of the Coulomb friction, worst joint", Scale(1.0, " Nm")),
@@ -171,9 +175,14 @@ EXPERIMENTS = [
     Row("contact_localization", "miscalibrated", "median_m p95_m", "error, median / p95", MM),
     Row("contact_localization", "hidden", "median_m p95_m", "error, median / p95", MM),
     Row("contact_localization", "hidden", "baseline_median_m baseline_p95_m", "published method, median / p95", MM),
+    Row("contact_localization", "hidden", "particle_median_m particle_p95_m", "particle filter, median / p95", MM),
     Row("contact_localization", "two_contacts", "both_found", "contacts found of two at once", PERCENT),
     Row("contact_localization", "two_contacts", "median_of_found_m", "error of those found, median", MM),
     Row("contact_localization", "two_contacts", "force_error_relative_median", "error of their force, median", PERCENT),
+    Row("safe_cell", "fixed mobile", "job_time_s", "time of the job beside a person, supervised", SECONDS),
+    Row("safe_cell", "fixed mobile", "job_time_ssm_only_s", "the same, keeping its distance alone", SECONDS),
+    Row("safe_cell", "fixed mobile", "limit_violations", "samples beyond a limit of torque, speed or position"),
+    Row("safe_cell", "fixed mobile", "energy_share_max", "energy of a contact over what its region may have"),
 ]
 
 NMPC = "benchmark_nmpc"

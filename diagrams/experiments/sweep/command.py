@@ -186,6 +186,7 @@ def _replay(options: Namespace) -> int:
     row, experiment = rows[options.replay], find_experiment(plan.script)
     scenario = scenario_of(experiment, plan, row["trial"], {name: row[name] for name in plan.vary})
     folder = options.out / "replays" / str(options.replay)
+    folder.mkdir(parents=True, exist_ok=True)
     prepare_folder(folder, scenario)
     outcome = experiment.outcome(scenario, RunOptions())
     say(table(outcome.metrics))

@@ -51,14 +51,16 @@ def test_the_cell_guides_through_its_sensors(interface):
 
 
 def test_all_parts_take_the_period_of_the_pipeline():
-    """Whatever was set of theirs, before or after."""
+    """Before and after; one of their own is refused."""
     params = GuidingCellParameters(pipeline=HandGuidingPipelineParameters(period=0.004))
     parts = (params.servo, params.joint_sensor, params.skin_sensor, params.force_sensor)
     pipeline = (params.pipeline.skin, params.pipeline.wrist, params.pipeline.controller)
     assert {part.period for part in parts + pipeline} == {0.004}
-    params.pipeline.controller.period = 0.001
     params.pipeline.period = 0.002
     validate(params)
     assert {part.period for part in parts + pipeline} == {0.002}
+    params.pipeline.controller.period = 0.001
+    with pytest.raises(ParameterError, match="controller.period: is that of the pipeline"):
+        validate(params)
     with pytest.raises(ParameterError, match="period"):
         HandGuidingPipelineParameters(period=0.05)  # too long for the gains
