@@ -100,7 +100,7 @@ MOTORS = {"lwr4": dict(zip((f"joint_{k}" for k in range(1, 8)), (0.1, 0.1, 0.1, 
 
 
 class PinocchioTwin:
-    """The same file read and evaluated by Pinocchio, in the joint order of a `RobotModel`; other joints stay at zero."""
+    """The same file read and evaluated by Pinocchio, in the joint order of a `RobotModel`; the others stay at 0."""
 
     def __init__(self, robot):
         self.X_WB = robot.X_WB
