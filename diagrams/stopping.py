@@ -31,12 +31,15 @@ class StoppingScenario(PlantScenario):
     """Everything a run depends on; its length is that of the stops, `duration` is not used."""
 
     case: str = "fixed"
-    # Stops; the tables beside the models are of 300.
+    # Stops; the tables beside the models are of 1000.
     trials: int = 30
+    # A table is the worst that was measured times this, for what was not; assumed. A table of 300 stops without it was
+    # exceeded by a quarter in 30 others.
+    margin: float = 1.25
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_positive(self, "trials")
+        require_positive(self, "trials", "margin")
 
 
 def scenario_for(case: str) -> StoppingScenario:
@@ -57,8 +60,8 @@ def run(scenario: StoppingScenario, options: RunOptions) -> Outcome:
     """Measure stops, make the table of them, and compare them with the stored one."""
     rig = _rig(scenario)
     stops = [random_stop(rig, np.random.default_rng([scenario.seed, k]), k % 3) for k in range(scenario.trials)]
-    about = f"{rig.robot.name}, {len(stops)} random stops, {scenario.plant} plant, seed {scenario.seed}"
-    table = table_of(rig, stops, about)
+    made = f"{rig.robot.name}, {len(stops)} random stops, {scenario.plant} plant, seed {scenario.seed}"
+    table = table_of(rig, stops, f"{made}; worst × {scenario.margin:g}", scenario.margin)
     shares = np.zeros((len(stops), 2))
     if rig.robot.path.with_name(FILE).is_file():
         shares = np.array([share_of_table(stopping_of(rig.robot), stop) for stop in stops])

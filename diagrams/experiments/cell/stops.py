@@ -122,8 +122,8 @@ def _measured(rig: StopRig, simulator: Simulator, surface, axis: int) -> Stop:
     return Stop(share, speeds[0], rows[-1][0], STEP * float(np.sum(speeds)))
 
 
-def table_of(rig: StopRig, stops: list[Stop], about: str, step: float = 0.25) -> StoppingTable:
-    """Return the table of worst values: each node has the worst of the stops on both of its sides."""
+def table_of(rig: StopRig, stops: list[Stop], about: str, margin: float = 1.0, step: float = 0.25) -> StoppingTable:
+    """Return the table of worst values times a margin: each node has the worst of the stops on both of its sides."""
     last = int(np.ceil(max(stop.speed for stop in stops) / step))
     nodes = step * np.arange(last + 1)
     worst = np.zeros((2, len(EXTENSIONS), last + 1))
@@ -132,7 +132,7 @@ def table_of(rig: StopRig, stops: list[Stop], about: str, step: float = 0.25) ->
         for node in (int(stop.speed / step), min(int(stop.speed / step) + 1, last)):
             worst[:, k, node] = np.maximum(worst[:, k, node], (stop.time, stop.distance))
     worst = np.maximum.accumulate(np.maximum.accumulate(worst, axis=2), axis=1)
-    rounded = np.ceil(1e4 * worst) / 1e4
+    rounded = np.ceil(1e4 * margin * worst) / 1e4
     return StoppingTable(about, round(rig.reach, 4), nodes.tolist(), rounded[0].tolist(), rounded[1].tolist())
 
 

@@ -26,7 +26,7 @@ class StoppingTable:
     # m/s, of the fastest end of a shape, rising from 0.
     speed: list[float] = field(default_factory=lambda: [0.0, 1.0])
     # s and m, one row an extension up to 1/3, 2/3 and all of the reach; way of the fastest end. No stop that was
-    # measured lies above the line through them.
+    # measured lies above the line through them, which holds a margin.
     time: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0]] * 3)
     distance: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0]] * 3)
 
