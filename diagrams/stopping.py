@@ -61,7 +61,7 @@ def run(scenario: StoppingScenario, options: RunOptions) -> Outcome:
     rig = _rig(scenario)
     stops = [random_stop(rig, np.random.default_rng([scenario.seed, k]), k % 3) for k in range(scenario.trials)]
     made = f"{rig.robot.name}, {len(stops)} random stops, {scenario.plant} plant, seed {scenario.seed}"
-    table = table_of(rig, stops, f"{made}; worst × {scenario.margin:g}", scenario.margin)
+    table = table_of(rig, stops, f"{made}; worst times {scenario.margin:g}", scenario.margin)
     shares = np.zeros((len(stops), 2))
     if rig.robot.path.with_name(FILE).is_file():
         shares = np.array([share_of_table(stopping_of(rig.robot), stop) for stop in stops])
