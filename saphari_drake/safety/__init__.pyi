@@ -10,12 +10,11 @@ from .joint_check.system import JointCheck as JointCheck
 from .joint_envelope.law import EnvelopeStatus as EnvelopeStatus
 from .joint_envelope.parameters import JointEnvelopeParameters as JointEnvelopeParameters
 from .joint_envelope.system import JointEnvelope as JointEnvelope
-from .power_force.law import PowerForceStatus as PowerForceStatus
 from .power_force.parameters import PowerForceParameters as PowerForceParameters
 from .power_force.regions import BodyRegion as BodyRegion
 from .power_force.regions import read_regions as read_regions
 from .power_force.system import PowerForceLimit as PowerForceLimit
-from .speed_separation.law import SeparationStatus as SeparationStatus
+from .speed_scale import ScaleStatus as ScaleStatus
 from .speed_separation.parameters import SpeedSeparationParameters as SpeedSeparationParameters
 from .speed_separation.stopping import StoppingTable as StoppingTable
 from .speed_separation.stopping import stopping_of as stopping_of

@@ -1,6 +1,5 @@
 """The energy that a contact would have, and the fastest that the regions of the body allow; compiled."""
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -13,16 +12,6 @@ from saphari_drake.safety.power_force.parameters import Walls
 from saphari_drake.safety.power_force.regions import Limits
 
 _STEP = 0.02  # m, between the points that are looked at behind a person
-
-
-class PowerForceStatus(IntEnum):
-    """What becomes of a speed, also published as a number."""
-
-    FREE = 0  # it is passed on
-    LIMITED = 1  # it is scaled down
-    STOPPED = 2  # where no contact is allowed: zero
-    PEOPLE_LOST = 3  # people are not known: zero
-    BAD_INPUT = 4  # state or command are not finite: zero
 
 
 class Contact(NamedTuple):

@@ -1,6 +1,5 @@
 """The protective separation distance, and the fastest that it allows; compiled."""
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -9,16 +8,6 @@ from saphari_drake.compiled import njit
 from saphari_drake.safety.nearness import bounding_radius, fastest_end, nearest_possible, pair, posed, towards
 
 _HALVINGS = 20
-
-
-class SeparationStatus(IntEnum):
-    """What becomes of a speed, also published as a number."""
-
-    FREE = 0  # it is passed on
-    SLOWED = 1  # it is scaled down
-    STOPPED = 2  # people are too near for any
-    PEOPLE_LOST = 3  # people are not known: zero
-    BAD_INPUT = 4  # state or command are not finite: zero
 
 
 class Separation(NamedTuple):

@@ -1,6 +1,7 @@
 """How stiff a hand may be: the bound against the closed loop's own poles, against the arm, and as a warning."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -76,7 +77,9 @@ def test_the_pipeline_checks_with_its_observer():
     control = ContactForceControlParameters(hand_stiffness=110.0)
     pipeline = ContactPipelineParameters(controller=control)
     pipeline.observer.gain = 100.0
-    pipeline.__post_init__()
+    with warnings.catch_warnings(record=True) as told:
+        pipeline.__post_init__()
+    assert told == []
     pipeline.observer.gain = 20.0
     with pytest.warns(StabilityWarning, match="20 1/s"):
         pipeline.__post_init__()

@@ -7,7 +7,7 @@ from bench import Bench
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstaclePoints, ObstacleStatus
 from saphari_drake.robots.dynamics import evaluate_dynamics
-from saphari_drake.safety.speed_separation.law import SeparationStatus
+from saphari_drake.safety.speed_scale import ScaleStatus
 from saphari_drake.safety.speed_separation.parameters import SpeedSeparationParameters
 from saphari_drake.safety.speed_separation.stopping import StoppingTable
 from saphari_drake.safety.speed_separation.system import SpeedSeparation
@@ -46,15 +46,15 @@ def test_people_slow_and_stop_it(b, lwr4):
         scales.append(b.read("speed_scale"))
         np.testing.assert_allclose(b.read("velocity_applied"), scales[-1] * COMMAND)
     assert scales[0] == 1.0 > scales[1] > scales[2] > scales[3] == 0.0
-    assert b.read("status") == SeparationStatus.STOPPED
+    assert b.read("status") == ScaleStatus.STOPPED
 
 
 FAULTS = {
-    "nan command": ({"velocity_commanded": np.full(7, np.nan)}, SeparationStatus.BAD_INPUT),
-    "lost": ({"people": at([9.0, 0, 0], status=ObstacleStatus.LOST)}, SeparationStatus.PEOPLE_LOST),
-    "old": ({"people": at([9.0, 0, 0], stamp=-0.3)}, SeparationStatus.PEOPLE_LOST),
-    "no number": ({"people": at([np.nan, 0, 0])}, SeparationStatus.PEOPLE_LOST),
-    "no stamp": ({"people": at([9.0, 0, 0], stamp=np.nan)}, SeparationStatus.PEOPLE_LOST),
+    "nan command": ({"velocity_commanded": np.full(7, np.nan)}, ScaleStatus.BAD_INPUT),
+    "lost": ({"people": at([9.0, 0, 0], status=ObstacleStatus.LOST)}, ScaleStatus.PEOPLE_LOST),
+    "old": ({"people": at([9.0, 0, 0], stamp=-0.3)}, ScaleStatus.PEOPLE_LOST),
+    "no number": ({"people": at([np.nan, 0, 0])}, ScaleStatus.PEOPLE_LOST),
+    "no stamp": ({"people": at([9.0, 0, 0], stamp=np.nan)}, ScaleStatus.PEOPLE_LOST),
 }
 
 
@@ -69,7 +69,7 @@ def test_what_is_not_known_stops_it(b, fault):
 
 def test_a_state_that_is_not_known_stops_it(b, lwr4):
     b.set(dynamics=evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).unknown())
-    assert b.read("status") == SeparationStatus.BAD_INPUT
+    assert b.read("status") == ScaleStatus.BAD_INPUT
     np.testing.assert_array_equal(b.read("velocity_applied"), 0.0)
 
 
