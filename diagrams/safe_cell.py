@@ -11,7 +11,6 @@ from experiments.cell.figures import cell_figure, cell_replay
 from experiments.cell.functions import safety_functions
 from experiments.cell.run import metrics_of, simulate
 from experiments.cell.scenario import CellScenario
-from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -62,7 +61,6 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    adapt=keep,
     parts=lambda case: (*ARM, "skin", "wrist", "camera"),
 )
 
