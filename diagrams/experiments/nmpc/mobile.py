@@ -128,7 +128,7 @@ def controller_for(case: str, params: NmpcParameters) -> NmpcParameters:
     params.obstacle_constraints = case not in ("1", "2")
     params.nonholonomic = list(BASE) if case == "nonholonomic" else []
     if case in ("human", "human_seen"):
-        # A hand that starts to move with 4 m/s² is 5 cm from where it was expected before a stop has begun to work.
-        params.clearance_margin = 0.05
+        # A hand that starts to reach. Assumed.
+        params.obstacle_acceleration = 4.0
         params.retreat = True
     return params

@@ -184,7 +184,8 @@ def nmpc_step(
         return _braking(problem, memory, q, NmpcStatus.UNSOLVED, now)
     if left < required:
         stopped = _braking(problem, memory, q, NmpcStatus.START_INSIDE if inside else NmpcStatus.BRAKING, now)
-        return replace(stopped, slack=solution.slack, iterations=solution.iterations)
+        if not (p.retreat and left > clearance(stopped.command, times)):
+            return replace(stopped, slack=solution.slack, iterations=solution.iterations)
     status = solution.status
     if inside:
         status = NmpcStatus.START_INSIDE

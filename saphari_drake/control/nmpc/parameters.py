@@ -73,6 +73,8 @@ class NmpcParameters:
     between_samples: bool = True
     # m; added to every minimum distance, for what the motion differs from the plan by (servo, obstacles' acceleration).
     clearance_margin: float = 0.0
+    # m/s²; with which obstacles may leave their predicted ways, from when they were seen until a command takes effect.
+    obstacle_acceleration: float = 0.0
     # Cost of 1 m² by which a constraint is violated; exact while it exceeds the multipliers.
     slack_penalty: float = 1.0e4
     # Rest posture (rad or m); empty: the robot's home.
@@ -108,6 +110,7 @@ class NmpcParameters:
         require_positive(self, "period", "barrier_guard", "slack_penalty", "velocity_scale", "acceleration_max")
         require_positive(self, "tolerance", "obstacle_timeout", "Q_v")
         require_non_negative(self, "Q_q", "R_q", "Q_e", "R_e", "r_O", "clearance_margin")
+        require_non_negative(self, "obstacle_acceleration")
         require_within(self, 1, 1000, "horizon", "max_iterations")
         if np.max(self.velocity_scale) > 1.0:
             raise ParameterError("velocity_scale", f"must not exceed 1, got {self.velocity_scale}")

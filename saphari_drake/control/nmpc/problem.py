@@ -141,7 +141,8 @@ class NmpcProblem:
         """Return the inputs of a step as arrays of the stages.
 
         The first is `first` periods and half a ramp from now. The reference's last row holds; obstacles, seen `age` (s)
-        ago, move at constant velocity. Without `v0` the robot stands before the horizon begins.
+        ago, move at constant velocity; their radii grow by what `obstacle_acceleration` can add until the end of the
+        first period. Without `v0` the robot stands before the horizon begins.
         """
         stages = np.arange(first, first + self.N + 1)
         ahead = 0.5 * self.params.ramp
@@ -149,7 +150,9 @@ class NmpcProblem:
         p_WO, v_WO = np.asarray(obstacles.p_WO, dtype=float), np.asarray(obstacles.v_WO, dtype=float)
         moved = p_WO[None] + times[:, None, None] * v_WO[None]
         R_WE, p_WE = _between_rows(reference, stages, ahead)
-        parts = q0, R_WE, p_WE, moved, obstacles.radius, np.zeros(self.n) if v0 is None else v0
+        unforeseen = age + self.params.period * (first + 1)
+        radius = np.asarray(obstacles.radius) + 0.5 * self.params.obstacle_acceleration * unforeseen**2
+        parts = q0, R_WE, p_WE, moved, radius, np.zeros(self.n) if v0 is None else v0
         return Scene(*(np.ascontiguousarray(part, dtype=float) for part in parts))
 
 
