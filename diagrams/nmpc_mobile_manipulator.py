@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from experiments.nmpc.build import NmpcCell, build_nmpc
 from experiments.nmpc.figures import mobile_figure, nmpc_replay
-from experiments.nmpc.mobile import MobileParameters, controller_for, mobile_job
+from experiments.nmpc.mobile import SEEN, MobileParameters, controller_for, mobile_job, random_person
 from experiments.nmpc.mobile_judge import judge_mobile
 from experiments.nmpc.run import simulate
 from pydrake.systems.framework import Diagram
@@ -24,6 +24,7 @@ CASES = {
     "nonholonomic": "a platform that cannot slip sideways, on a path that moves sideways",
     "human": "a person who reaches across the path; the controller is told where the person is",
     "human_seen": "the same person; the controller knows what a depth camera sees, and nothing else",
+    "human_random": "the same with a random person for each seed, and with the time that computing takes",
 }
 BEHIND = (-1.0, 0.0, 0.0)  # where a person comes from who was not in view
 
@@ -48,12 +49,14 @@ def scenario_for(case: str) -> MobileScenario:
 
 def _cell(scenario: MobileScenario, options: RunOptions | None = None) -> NmpcCell:
     params = scenario.job
+    if scenario.case == "human_random":
+        params = replace(params, person=random_person(params, scenario.seed))
     params.cell.watch.sampler.noise.seed = scenario.seed
     truth = scenario.truth(params.cell.time_step)
     job = mobile_job(scenario.known(scenario.loaded()), params, scenario.case)
     job = replace(job, obstacles=changed(job.obstacles, truth, BEHIND))
     meshcat = None if options is None else options.meshcat
-    return build_nmpc(job, params.cell, meshcat, seen=scenario.case == "human_seen", truth=truth)
+    return build_nmpc(job, params.cell, meshcat, seen=scenario.case in SEEN, truth=truth)
 
 
 def build_diagram(scenario: MobileScenario) -> Diagram:
@@ -78,7 +81,7 @@ def run(scenario: MobileScenario, options: RunOptions) -> Outcome:
 
 def parts_of(case: str) -> tuple[str, ...]:
     """Return what of a case a fault can act on."""
-    return (*ARM, *{"human": ("person", "view"), "human_seen": ("person", "view", "camera")}.get(case, ()))
+    return (*ARM, *(("person", "view", "camera") if case in SEEN else ("person", "view") if case == "human" else ()))
 
 
 EXPERIMENT = Experiment(
@@ -88,7 +91,7 @@ EXPERIMENT = Experiment(
     scenario_for,
     run,
     build_diagram,
-    seedless=frozenset(CASES) - {"human_seen"},
+    seedless=frozenset(CASES) - set(SEEN),
     parts=parts_of,
 )
 

@@ -14,7 +14,7 @@ from saphari_drake.simulation.runner.simulation import RunOptions
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 CLOCK = ("_ms_", "real_time_factor")  # in names of metrics that no run repeats
 SHORT = {"nmpc_manipulator": 0.3, "nmpc_mobile_manipulator": 0.2, "reverse_priority_planar": 0.5}
-SEEDED = {"nmpc_mobile_manipulator": {"human_seen"}, "reverse_priority_planar": {"three_level"}}
+SEEDED = {"nmpc_mobile_manipulator": {"human_seen", "human_random"}, "reverse_priority_planar": {"three_level"}}
 
 
 def load(name):
@@ -29,7 +29,7 @@ def numbers(script, case, seed, duration):
     """What a short run of a seed gives: its motion, and its metrics but for the clock."""
     scenario = script.scenario_for(case)
     scenario.seed, scenario.duration = seed, duration
-    if case == "human_seen":
+    if case.startswith("human"):
         scenario.job.cell.watch.camera.renderer = "raycast"
     outcome = script.run(scenario, RunOptions())
     values = {m.name: m.value for m in outcome.metrics}

@@ -1,7 +1,7 @@
 """The omniRob's job of Section 3: a path through six obstacles, or past a person, also without slipping sideways."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,13 @@ from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.curves import quintic
 from saphari_drake.messages import ObstaclePoints
-from saphari_drake.parameters import require_positive
+from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
 from saphari_drake.simulation.people.motion import HumanMotionParameters, HumanPath
 
 Array = NDArray[np.float64]
+SEEN = ("human_seen", "human_random")  # cases in which a camera tells where a person is
 BASE = ("px", "py", "pz")
 TIP = "link_7"
 
@@ -72,13 +73,30 @@ class MobileParameters:
 
     path: MobilePathParameters = field(default_factory=MobilePathParameters)
     cell: NmpcCellParameters = field(default_factory=lambda: problem_cell())
-    # Of the cases human and human_seen.
+    # Of the cases human, human_seen and human_random.
     person: HumanMotionParameters = field(default_factory=person_beside_the_path)
+    # m, 1 and s; of human_random: half ranges of place and size, and the range of when the motion begins. Assumed.
+    place_range: list[float] = field(default_factory=lambda: [0.15, 0.3, 0.1])
+    size_range: float = 0.1
+    start_range: float = 20.0
     # s; from noticing something to standing, for `stoppable_clearance`: two control periods and braking. Assumed.
     reaction: float = 0.3
 
     def __post_init__(self) -> None:
         require_positive(self, "reaction")
+        require_vector(self, 3, "place_range")
+        require_non_negative(self, "place_range", "size_range", "start_range")
+        if self.size_range >= 1.0:
+            raise ParameterError("size_range", f"must be less than 1, got {self.size_range}")
+
+
+def random_person(params: MobileParameters, seed: int | None) -> HumanMotionParameters:
+    """Return the person of a seed: elsewhere, larger or smaller, and at another time of the motion."""
+    rng, person = np.random.default_rng([seed or 0, 16]), params.person
+    place = np.array(person.position) + np.array(params.place_range) * rng.uniform(-1.0, 1.0, 3)
+    size = person.scale * (1.0 + params.size_range * rng.uniform(-1.0, 1.0))
+    start = person.start + float(rng.uniform(0.0, params.start_range))
+    return replace(person, position=place.tolist(), scale=float(size), start=start)
 
 
 def mobile_start(robot: RobotModel) -> Array:
@@ -106,7 +124,7 @@ def mobile_job(robot: RobotModel, params: MobileParameters, case: str) -> NmpcJo
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_start, np.array([x, y, path.height])
 
     obstacles: Callable[[float], ObstaclePoints]
-    if case in ("human", "human_seen"):
+    if case in ("human", *SEEN):
         obstacles = HumanPath(params.person)
     elif case == "nonholonomic":
         obstacles = fixed_obstacles(OBSTACLES[:2] + np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]]))
@@ -127,8 +145,8 @@ def controller_for(case: str, params: NmpcParameters) -> NmpcParameters:
     params.obstacle_cost = case != "1"
     params.obstacle_constraints = case not in ("1", "2")
     params.nonholonomic = list(BASE) if case == "nonholonomic" else []
-    if case in ("human", "human_seen"):
+    if case in ("human", *SEEN):
         # A hand that starts to reach. Assumed.
         params.obstacle_acceleration = 4.0
-        params.retreat = True
+        params.retreat, params.delay_compensation = True, case == "human_random"
     return params

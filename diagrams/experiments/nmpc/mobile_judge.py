@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from experiments.nmpc.mobile import MobileParameters, controller_for
+from experiments.nmpc.mobile import SEEN, MobileParameters, controller_for
 from experiments.nmpc.run import NmpcRun, counts, known_obstacles, margins, stoppable_clearance, timing
 from saphari_drake.control.nmpc.kinematics import ramp_mean
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step
@@ -35,7 +35,7 @@ def judge_mobile(run: NmpcRun, params: MobileParameters, case: str) -> list[Metr
             Metric("lateral_slip", np.abs(log["slip"]).max(), "m/s", high=1e-6),
             Metric("lateral_slip_commanded", np.abs(log["slip_commanded"]).max(), "m/s", high=1e-6),
         ]
-    if case in ("human", "human_seen"):
+    if case in ("human", *SEEN):
         metrics += [
             Metric("min_clearance_stoppable_m", stoppable_clearance(run, params.reaction), "m", low=0.0),
             Metric("path_end_error_m", error[-1], "m"),

@@ -51,6 +51,6 @@ class Scene(NamedTuple):
     q0: Array  # (n,), measured positions
     R_ref: Array  # (N + 1, 3, 3)
     p_ref: Array  # (N + 1, 3)
-    p_WO: Array  # (N + 1, m, 3), obstacles
+    p_WO: Array  # (N + 1, 3, m), obstacles; coordinates apart, so that kernels work on several at once
     radius: Array  # (m,)
     v0: Array  # (n,), velocity with which the horizon begins

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saphari_drake.compiled import njit
+from saphari_drake.control.nmpc.barrier import MANY, barrier, barrier_sums
 from saphari_drake.control.nmpc.data import Array
 from saphari_drake.control.nmpc.kinematics import compose, empty_frames, forward, jacobian, place, relative_quaternion
 
@@ -152,11 +153,24 @@ def _obstacle_cost(data, scene, k, i, p, multipliers, exact, term):
     p_WO, radius, cost_on, d_min, guard = scene.p_WO, scene.radius, data.cost_on, data.d_min[i], data.guard
     bent, slope, value = cost_on, 0.0, 0.0
     c = data.c[i] * (data.r_O if k == p_WO.shape[0] - 1 else 1.0)
+    if cost_on and radius.shape[0] >= MANY and not (exact and np.any(multipliers[k, i] > 0.0)):
+        sums = np.zeros(11)
+        if barrier_sums(p_WO[k], radius, p, d_min, guard, sums) == 0.0:
+            for r in range(3):
+                F[r] = G[r] = -2.0 * c * sums[2 + r]
+            S[0, 0], S[1, 1], S[2, 2] = 8.0 * c * sums[5], 8.0 * c * sums[6], 8.0 * c * sums[7]
+            S[0, 1] = S[1, 0] = 8.0 * c * sums[8]
+            S[0, 2] = S[2, 0] = 8.0 * c * sums[9]
+            S[1, 2] = S[2, 1] = 8.0 * c * sums[10]
+            if exact:
+                for r in range(3):
+                    S[r, r] -= 2.0 * c * sums[1]
+            return c * sums[0], True
     for o in range(radius.shape[0]):
         lam = 2.0 * multipliers[k, i, o] if exact else 0.0
         if not cost_on and lam == 0.0:
             continue
-        x, y, z = p[0] - p_WO[k, o, 0], p[1] - p_WO[k, o, 1], p[2] - p_WO[k, o, 2]
+        x, y, z = p[0] - p_WO[k, 0, o], p[1] - p_WO[k, 1, o], p[2] - p_WO[k, 2, o]
         d2, kept, u, v = x * x + y * y + z * z, d_min + radius[o], 0.0, 0.0
         if cost_on:
             psi, psi1, psi2 = barrier(d2 - kept * kept, guard)
@@ -183,17 +197,6 @@ def _obstacle_cost(data, scene, k, i, p, multipliers, exact, term):
         for r in range(3):
             S[r, r] += slope
     return value, bent
-
-
-@njit(cache=True)
-def barrier(s, guard):
-    """Return ψ, ψ' and ψ'' of the barrier 1/s, continued below `guard` by its quadratic expansion there."""
-    if s >= guard:
-        inv = 1.0 / s
-        return inv, -inv * inv, 2.0 * inv * inv * inv
-    inv = 1.0 / guard
-    t = (s - guard) * inv
-    return inv * (1.0 - t + t * t), inv * inv * (2.0 * t - 1.0), 2.0 * inv * inv * inv
 
 
 @njit(cache=True, inline="always")

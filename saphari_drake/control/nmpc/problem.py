@@ -148,7 +148,7 @@ class NmpcProblem:
         ahead = 0.5 * self.params.ramp
         times = age + self.params.period * (stages + ahead)
         p_WO, v_WO = np.asarray(obstacles.p_WO, dtype=float), np.asarray(obstacles.v_WO, dtype=float)
-        moved = p_WO[None] + times[:, None, None] * v_WO[None]
+        moved = p_WO.T[None] + times[:, None, None] * v_WO.T[None]
         R_WE, p_WE = _between_rows(reference, stages, ahead)
         unforeseen = age + self.params.period * (first + 1)
         radius = np.asarray(obstacles.radius) + 0.5 * self.params.obstacle_acceleration * unforeseen**2

@@ -13,7 +13,8 @@ stays at least d away. Samples alone would let the distance fall to √(d_min² 
 |δ| ≤ β, ‖J_ik δ_k‖ ≤ ρ_ik = Σ_j ‖J_ikj‖ min(β, max(|lo_j − q̄_kj|, |hi_j − q̄_kj|)), hence
 z + dz ≥ z − ‖∂z/∂a‖ρ_i,k−1 − ‖∂z/∂b‖ρ_ik. Where that is positive, the row holds for every step up to β that the
 limits allow. If the solution without it is such a step, it meets all rows, and no step that does is better: it is the
-solution with them. The SQP guesses β from its last step, and solves again with β = ∞ if the solution turns out larger.
+solution with them. The SQP guesses β from its last step, and solves again with a larger one
+if the solution turns out larger.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from saphari_drake.control.nmpc.solvers.subproblem import Rows
 CURVATURE_FACTOR = 1.25
 # m; added to the minimum distance with the margin between samples, for what an iteration leaves.
 PAD = 1.0e-5
+ROUNDED = 1.0e-9  # m², of z
 
 
 @njit(cache=True)
@@ -72,6 +74,50 @@ def clearance(a, b, d, k, swept):
     from_a = (0.5 * u[0], 0.5 * u[1], 0.5 * u[2])
     from_b = (2.0 * b[0] - from_a[0], 2.0 * b[1] - from_a[1], 2.0 * b[2] - from_a[2])
     return dot(b, b) - d * d - 0.25 * dot(u, u), from_a, from_b
+
+
+@njit(cache=True, fastmath=True)
+def surplus(p, p_WO, kept, radius, rho, k, swept, out):
+    """Fill for each obstacle a number (m,) that is positive only if its row cannot become active.
+
+    It is z less what steps can take from it, as in `distance_rows`, less its rounding; without a branch, so that
+    several obstacles are worked on at once. A swept first interval, z = ‖m‖² − d² with ‖m‖ ≥ ‖b‖ − ‖b − a‖, is bounded
+    by ‖b‖ alone.
+
+    Parameters
+    ----------
+    p, p_WO : pairs of (3,) and of (3, m) arrays
+        The point and the obstacles at both ends of the interval.
+    kept : float
+        Distance (m).
+    rho : pair of floats
+        How far steps move the point there (m).
+    """
+    ax, ay, az, bx, by, bz = p[0][0], p[0][1], p[0][2], p[1][0], p[1][1], p[1][2]
+    share = 0.25 if swept and k > 1 else 0.0
+    for o in range(out.shape[0]):
+        x, y, z = bx - p_WO[1][0, o], by - p_WO[1][1, o], bz - p_WO[1][2, o]
+        u, v, w = x - ax + p_WO[0][0, o], y - ay + p_WO[0][1, o], z - az + p_WO[0][2, o]
+        b2, u2, bu, d = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w, kept + radius[o]
+        b, way, slope = np.sqrt(b2), np.sqrt(u2), np.sqrt(abs(b2 - 2.0 * share * bu + share * share * u2))
+        near = b - way
+        first = (near * near if near > 0.0 else 0.0) - 2.0 * b * rho[1]
+        later = b2 - share * u2 - 2.0 * share * way * rho[0] - 2.0 * slope * rho[1]
+        out[o] = (first if swept and k == 1 else later) - d * d - ROUNDED
+
+
+@njit(cache=True, fastmath=True)
+def shortfalls(p, p_WO, kept, radius, share):
+    """Return Σ max(0, −z) over the obstacles, z = ‖b‖² − share ‖b − a‖² − d², for arguments as in `surplus`."""
+    ax, ay, az, bx, by, bz = p[0][0], p[0][1], p[0][2], p[1][0], p[1][1], p[1][2]
+    total = 0.0
+    for o in range(radius.shape[0]):
+        x, y, z = bx - p_WO[1][0, o], by - p_WO[1][1, o], bz - p_WO[1][2, o]
+        u, v, w = x - ax + p_WO[0][0, o], y - ay + p_WO[0][1, o], z - az + p_WO[0][2, o]
+        d = kept + radius[o]
+        short = d * d + share * (u * u + v * v + w * w) - x * x - y * y - z * z
+        total += short if short > 0.0 else 0.0
+    return total
 
 
 @njit(cache=True)
@@ -119,22 +165,26 @@ def distance_rows(data, scene, Q, at, kept, step, everything):
     index, z = np.empty((3, most), np.int64), np.empty(most)
     A, B = np.empty((most, n)), np.empty((most, n))
     rho, a, b = travel(data, scene.q0, Q, at.J, step), np.empty(3), np.empty(3)
-    count = 0
-    for way in range(most):
-        k, i, o = way // m // points + 1, way // m % points, way % m
-        for r in range(3):
-            a[r] = at.P[k - 1, i, r] - scene.p_WO[k - 1, o, r]
-            b[r] = at.P[k, i, r] - scene.p_WO[k, o, r]
-        value, from_a, from_b = clearance(a, b, kept[k, i] + scene.radius[o], k, data.swept)
-        reach = length(from_a) * rho[k - 1, i] + length(from_b) * rho[k, i]
-        if not everything and (value > reach or reach == 0.0):
-            continue
-        index[0, count], index[1, count], index[2, count] = k, i, o
-        z[count] = value
-        for j in range(n):
-            A[count, j] = dot(from_a, at.J[k - 1, i, j]) if k > 1 else 0.0
-            B[count, j] = dot(from_b, at.J[k, i, j])
-        count += 1
+    count, room = 0, np.empty(m)
+    for pair in range(N * points if data.rows_on else 0):
+        k, i = pair // points + 1, pair % points
+        p, p_WO, far = (at.P[k - 1, i], at.P[k, i]), (scene.p_WO[k - 1], scene.p_WO[k]), (rho[k - 1, i], rho[k, i])
+        surplus(p, p_WO, kept[k, i], scene.radius, far, k, data.swept, room)
+        for o in range(m):
+            if room[o] > 0.0 and not everything:
+                continue
+            for r in range(3):
+                a[r], b[r] = p[0][r] - p_WO[0][r, o], p[1][r] - p_WO[1][r, o]
+            value, from_a, from_b = clearance(a, b, kept[k, i] + scene.radius[o], k, data.swept)
+            reach = length(from_a) * far[0] + length(from_b) * far[1]
+            if not everything and (value > reach or reach == 0.0):
+                continue
+            index[0, count], index[1, count], index[2, count] = k, i, o
+            z[count] = value
+            for j in range(n):
+                A[count, j] = dot(from_a, at.J[k - 1, i, j]) if k > 1 else 0.0
+                B[count, j] = dot(from_b, at.J[k, i, j])
+            count += 1
     return Rows(index[0, :count], index[1, :count], index[2, :count], z[:count], A[:count], B[:count])
 
 
@@ -147,10 +197,14 @@ def violation(data, scene, P, kept):
         return total
     for k in range(1, P.shape[0]):
         for i in range(P.shape[1]):
+            if not (swept and k == 1):
+                ends, obstacles = (P[k - 1, i], P[k, i]), (p_WO[k - 1], p_WO[k])
+                total += shortfalls(ends, obstacles, kept[k, i], radius, 0.25 if swept else 0.0)
+                continue
             for o in range(radius.shape[0]):
                 for r in range(3):
-                    a[r] = P[k - 1, i, r] - p_WO[k - 1, o, r]
-                    b[r] = P[k, i, r] - p_WO[k, o, r]
+                    a[r] = P[k - 1, i, r] - p_WO[k - 1, r, o]
+                    b[r] = P[k, i, r] - p_WO[k, r, o]
                 total += max(0.0, -clearance(a, b, kept[k, i] + radius[o], k, swept)[0])
     return total
 

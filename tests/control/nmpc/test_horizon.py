@@ -127,7 +127,7 @@ def test_rows_are_the_gradients_of_their_distances(scene, between):
     data = bench.benchmark_problem("3", between_samples=between).data
     rng = np.random.default_rng(2)
     moving = np.linspace(0.0, 1.0, 11)[:, None, None] * rng.normal(size=(1, 6, 3))
-    given = given._replace(p_WO=given.p_WO + moving)
+    given = given._replace(p_WO=given.p_WO + moving.swapaxes(1, 2))
 
     def rows(Q):
         rows, kept = all_rows(data, given, Q)
@@ -179,7 +179,7 @@ def test_a_swept_row_bounds_the_distance_at_every_instant():
             away = rng.normal(size=3)
             o = paths[25, i] + away / np.linalg.norm(away) * rng.uniform(0.9, 1.2) * data.d_min[i]
             ends = o + np.array([-0.05, 0.05])[:, None] * rng.normal(size=3)
-            rows, _ = all_rows(data, given._replace(p_WO=ends[:, None, :]), q1[None])
+            rows, _ = all_rows(data, given._replace(p_WO=ends[:, :, None]), q1[None])
             z = rows.z[rows.point == i][0]
             obstacle = ends[0] + np.linspace(0.0, 1.0, 51)[:, None] * (ends[1] - ends[0])
             smallest = np.linalg.norm(paths[:, i] - obstacle, axis=1).min()

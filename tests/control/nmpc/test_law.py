@@ -35,7 +35,7 @@ def run(scene, Q=None, case="2", **changes):
 def terms_20(scene, P):
     """Return F_O of (20) at every stage from 1 on, from the numbers of the benchmark alone; an extent adds to d_min."""
     d_min, c = np.array([row[3] for row in bench.POINTS]), np.array([row[4] for row in bench.POINTS])
-    d = np.linalg.norm(P[1:, :, None] - scene[0].p_WO[1:, None], axis=3)
+    d = np.linalg.norm(P[1:, :, None] - scene[0].p_WO.swapaxes(1, 2)[1:, None], axis=3)
     margin = d**2 - (d_min[:, None] + RADIUS) ** 2
     assert margin.min() > NmpcParameters().barrier_guard, "the barrier is (20) itself here"
     return np.sum(c[:, None] / margin, axis=(1, 2))
@@ -78,7 +78,7 @@ def distances(problem, scene):
     """Return the wrist's distance from the obstacle at stages 1 … N of the solution."""
     solution = solve(problem, scene, np.tile(scene.q0, (problem.params.horizon, 1)))
     assert solution.status == NmpcStatus.SOLVED and solution.slack == 0.0
-    return np.array([np.linalg.norm(bench.test_points(problem, q)[-1] - scene.p_WO[0, 0]) for q in solution.Q])
+    return np.array([np.linalg.norm(bench.test_points(problem, q)[-1] - scene.p_WO[0, :, 0]) for q in solution.Q])
 
 
 def test_a_larger_r_O_ends_the_plan_farther_away(lwr4):
@@ -95,7 +95,7 @@ def test_rows_are_22_with_the_extent_added_to_the_distance(scene):
     data, at = bench.benchmark_problem("3").data, run(scene)
     rows = distance_rows(data, given, Q, at, kept_distances(data, given.q0, Q, at.J), np.inf, True)
     assert len(rows.z) == 10 * 10 * 6
-    d = np.linalg.norm(at.P[rows.stage, rows.point] - given.p_WO[rows.stage, rows.obstacle], axis=1)
+    d = np.linalg.norm(at.P[rows.stage, rows.point] - given.p_WO[rows.stage, :, rows.obstacle], axis=1)
     np.testing.assert_allclose(rows.z, d**2 - (data.d_min[rows.point] + RADIUS[rows.obstacle]) ** 2, atol=1e-12)
 
 

@@ -185,6 +185,31 @@ def test_start_inside_an_obstacle(lwr4, retreat):
     assert np.all(np.diff(distances)[inside[:-1]] >= -1e-9)
 
 
+def test_a_retreat_is_applied_where_it_leaves_more_room_than_braking(lwr4):
+    """Something faster than the arm comes at the hand: it gives way, where braking lets it come nearer."""
+    kept = []
+    for retreat in (False, True):
+        problem = arm_problem(lwr4, retreat=retreat, obstacle_timeout=10.0)
+        q, memory, goal = lwr4.home, at_rest(problem, lwr4.home), target(problem, lwr4.home)
+        hand, v = problem.end_effector_pose(q)[1], np.array([-1.0, 0.0, 0.0])
+        for k in range(5):
+            comes = ObstaclePoints((hand + [0.3 - 0.1 * k, 0.0, 0.0])[None], v[None], np.zeros(1), 0.0)
+            memory = nmpc_step(problem, memory, q, goal, comes, 0.0)
+            q = advance(problem.data, q, memory.command, 0.1)
+        gaps = np.linalg.norm(bench.test_points(problem, q) - (hand + [-0.2, 0.0, 0.0]), axis=1)
+        kept.append(gaps.min())
+    assert kept[0] < 0.15 and kept[1] > 0.2
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_obstacles_grow_by_what_they_can_do_before_a_command_takes_effect(lwr4, late):
+    """½ a t² with t from when they were seen until the first command that knows of them has been carried out."""
+    problem = arm_problem(lwr4, obstacle_acceleration=4.0, delay_compensation=late)
+    seen = ObstaclePoints(np.ones((1, 3)), np.zeros((1, 3)), np.full(1, 0.05), 0.0)
+    scene = problem.scene(lwr4.home, target(problem, lwr4.home), seen, 0.05, int(late))
+    assert scene.radius[0] == pytest.approx(0.05 + 2.0 * (0.25 if late else 0.15) ** 2)
+
+
 def test_an_obstacle_that_jumps(lwr4):
     """1 m, onto the arm: braking; and back: the motion goes on."""
     problem = arm_problem(lwr4, obstacle_timeout=10.0)

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 ARMIJO, SMALLEST_STEP = 1.0e-4, 1.0e-3  # of the line search
 # rad or m; guesses of the largest entry of a step, see `rows`.
-FIRST_REACH, REACH_FACTOR, LEAST_REACH = 0.15, 2.0, 0.01
+FIRST_REACH, REACH_FACTOR, LEAST_REACH = 0.05, 2.0, 0.01
 
 
 class SqpOptions(NamedTuple):
@@ -93,7 +93,7 @@ def search(data, scene, at, linear, step, penalty):
 
 @njit(cache=True)
 def iterate(data, scene, at, linear, step, options):
-    """Return the next `Iterate` from a `QpSolution`; the same with reach = ∞, if the step is larger than guessed."""
+    """Return the next `Iterate` from a `QpSolution`; the same with a larger reach where the step exceeds it."""
     rows = linear[0].rows
     largest = np.max(np.abs(step.delta))
     if step.status != QpStatus.SOLVED:
@@ -101,7 +101,9 @@ def iterate(data, scene, at, linear, step, options):
             at.Q, at.multipliers, at.active, at.penalty, at.reach, at.slack, at.solved + 1, False, step.status
         )
     if largest > at.reach:
-        return Iterate(at.Q, at.multipliers, step.active, at.penalty, np.inf, at.slack, at.solved, False, step.status)
+        return Iterate(
+            at.Q, at.multipliers, step.active, at.penalty, 4.0 * largest, at.slack, at.solved, False, step.status
+        )
     slack = slack_length(data, scene, rows, step.slack)
     penalty = max(at.penalty, min(2.0 * step.largest, options.price))
     multipliers = np.zeros_like(at.multipliers)

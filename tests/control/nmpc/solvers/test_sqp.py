@@ -178,7 +178,7 @@ def test_a_constraint_that_cannot_hold_costs_slack(lwr4):
     problem = arm_problem(lwr4, velocity_scale=[0.3])
     scene = random_scene(problem, 0, 1)
     wrist = bench.test_points(problem, scene.q0)[1]
-    way = np.vstack([wrist + 0.5, np.tile(wrist + 0.02, (3, 1))])[:, None]
+    way = np.vstack([wrist + 0.5, np.tile(wrist + 0.02, (3, 1))])[:, :, None]
     moved = scene._replace(p_WO=way, radius=np.zeros(1))
     solution = solve(problem, moved, np.tile(scene.q0, (3, 1)))
     assert np.all(np.isfinite(solution.Q))
