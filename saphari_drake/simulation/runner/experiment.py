@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +16,13 @@ from pydrake.systems.framework import Diagram
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
-from saphari_drake.simulation.record.files import atomic_path, own_folder, write_text
+from saphari_drake.simulation.record.files import own_folder
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
+from saphari_drake.simulation.runner.graph import write_graph
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
 from saphari_drake.simulation.runner.other_robot import adapted, robot_named
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -59,6 +59,8 @@ class Experiment:
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     parts : callable
         Returns what of a case a fault can act on, out of `saphari_drake.simulation.faults.registry.PARTS`.
+    quick : callable
+        Shortens a scenario to the least that gives its figure, for --quick; whatever else is given comes after.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Experiment:
     own_robot: frozenset[str] = frozenset()
     seedless: frozenset[str] = frozenset()
     parts: Callable[[str], Collection[str]] = lambda case: ()
+    quick: Callable[[Any], None] = shorten
 
     def __post_init__(self) -> None:
         for case in self.seedless | self.own_robot:
@@ -135,7 +138,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         return PASSED
     scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
-        _write_graph(experiment, scenarios[0], options.graphviz)
+        write_graph(experiment.build_diagram, scenarios[0], options.graphviz)
         return PASSED
     if options.also and options.out is None:
         raise ParameterError(f"--{options.also[0]}", "needs --out, the folder to write to")
@@ -219,6 +222,8 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         known = [text for text in options.set if text.startswith("model.")]  # of the robot, which it takes to load it
         scenario = with_assignments(experiment.scenario_for(case), known)
         scenario = adapted(experiment, scenario, robot_named(given, options.set, tree))
+        if options.quick:
+            experiment.quick(scenario)
         scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
@@ -229,21 +234,3 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         require_faults(getattr(scenario, "faults", []), experiment.parts(case))
         scenarios.append(checked(scenario))
     return scenarios
-
-
-def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
-    """Write the block diagram of a scenario as Graphviz text, or as an image if the suffix names one."""
-    if experiment.build_diagram is None:
-        raise ParameterError("--graphviz", "this experiment has no block diagram")
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in ("dot", "gv", "svg", "png", "pdf"):
-        raise ParameterError("--graphviz", f"writes .dot, .gv, .svg, .png or .pdf, not '{path.name}'")
-    text = experiment.build_diagram(scenario).GetGraphvizString()
-    if kind in ("dot", "gv"):
-        write_text(path, text)
-        return
-    dot = shutil.which("dot")
-    if dot is None:
-        raise ParameterError("--graphviz", f"a .{kind} file needs the program 'dot' of Graphviz; .dot works without")
-    with atomic_path(path) as temporary:
-        subprocess.run([dot, f"-T{kind}", "-o", str(temporary)], input=text.encode(), check=True)
