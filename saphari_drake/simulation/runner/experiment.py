@@ -17,6 +17,7 @@ from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
 from saphari_drake.simulation.record.files import own_folder
+from saphari_drake.simulation.record.frames import FrameKeeper
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
 from saphari_drake.simulation.runner.graph import write_graph
@@ -155,7 +156,8 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         folder = None if options.out is None else options.out / scenario.case
         try:
             with contextlib.nullcontext() if folder is None else own_folder(folder):
-                passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
+                run_options = RunOptions(meshcat, frames=FrameKeeper() if "mcap" in options.also else None)
+                passed = _run_case(experiment, scenario, run_options, folder, options.also)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError, MemoryError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -189,7 +191,8 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     word += f" (not judged: {outcome.note})" if outcome.note else ""
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
+        frames = () if options.frames is None else options.frames.frames
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also, frames)
     return outcome.passed
 
 
