@@ -19,6 +19,7 @@ from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.figures import Panel, time_panels
@@ -126,6 +127,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=adapt,
     parts=lambda case: (*ARM, "camera"),
+    quick=lambda scenario: shorten(scenario, 4.0),
 )
 
 if __name__ == "__main__":

@@ -9,7 +9,15 @@ from experiments.contact.cell import ContactCell
 from experiments.contact.force_judge import CONTROLLED, judged
 from experiments.contact.force_trials import PANELS, force_trial, force_trial_metrics, run_force_trial
 from experiments.contact.random_touches import RandomTouchParameters
-from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.contact.run import (
+    ContactScenario,
+    ContactSetup,
+    aimed,
+    build_contact,
+    quick,
+    replay_contact,
+    run_contact,
+)
 from experiments.placement.contact import place_in_cell, pushes_along, pushes_on_links, touchable
 from experiments.trials import RandomTrials, run_trials
 from matplotlib.figure import Figure
@@ -183,6 +191,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=adapt,
     parts=lambda case: (*ARM, "camera", "person"),
+    quick=quick,
 )
 
 

@@ -8,7 +8,15 @@ from experiments.contact.cell import ContactCell
 from experiments.contact.impedance_judge import judged
 from experiments.contact.random_run import run_random, trial_of
 from experiments.contact.random_touches import RandomTouchParameters
-from experiments.contact.run import ContactScenario, ContactSetup, aimed, build_contact, replay_contact, run_contact
+from experiments.contact.run import (
+    ContactScenario,
+    ContactSetup,
+    aimed,
+    build_contact,
+    quick,
+    replay_contact,
+    run_contact,
+)
 from experiments.placement.contact import place_in_cell, pushes_along, pushes_on_links, touchable
 from experiments.trials import RandomTrials
 from matplotlib.figure import Figure
@@ -151,6 +159,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=adapt,
     parts=lambda case: (*ARM, "camera", "person"),
+    quick=quick,
 )
 
 

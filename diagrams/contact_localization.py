@@ -113,6 +113,11 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     )
 
 
+def quick(scenario: ContactLocalizationScenario) -> None:
+    """Take a few scenes."""
+    scenario.count = min(scenario.count, SHOWN)
+
+
 EXPERIMENT = Experiment(
     "contact_localization",
     __doc__,
@@ -122,6 +127,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=place_scenes,
     parts=lambda case: ("plant",),
+    quick=quick,
 )
 
 

@@ -21,6 +21,7 @@ from experiments.placement.arm import keep
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -73,6 +74,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=keep,
     seedless=frozenset(CASES),
+    quick=lambda scenario: shorten(scenario, 3.0),
 )
 
 

@@ -108,8 +108,21 @@ def figure(cell: Recorded, found: Identification, log: Log) -> Figure:
     return result
 
 
+def quick(scenario: IdentifyScenario) -> None:
+    """Measure one period of the motion, the first that is drawn."""
+    scenario.excitation.periods = scenario.excitation.trials = 1
+
+
 EXPERIMENT = Experiment(
-    "identify", __doc__, CASES, scenario_for, run, build_diagram, adapt=place_excitation, parts=lambda case: ARM
+    "identify",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    adapt=place_excitation,
+    parts=lambda case: ARM,
+    quick=quick,
 )
 
 if __name__ == "__main__":

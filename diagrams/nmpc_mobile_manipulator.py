@@ -14,6 +14,7 @@ from saphari_drake.simulation.faults.people import changed
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -93,6 +94,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     seedless=frozenset(CASES) - set(SEEN),
     parts=parts_of,
+    quick=lambda scenario: shorten(scenario, 5.0),
 )
 
 

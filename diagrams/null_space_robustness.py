@@ -18,6 +18,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -112,6 +113,13 @@ def judged(name: str, result: Run) -> list[Metric]:
     return metrics
 
 
+def quick(scenario: RobustnessScenario) -> None:
+    """Let the ball come sooner, and stay no longer than it takes to judge it."""
+    ball = scenario.system.cell.ball
+    ball.start, ball.dwell = min(ball.start, 1.0), min(ball.dwell, 1.0)
+    shorten(scenario, ball.departure + 0.1)
+
+
 EXPERIMENT = Experiment(
     "null_space_robustness",
     __doc__,
@@ -121,6 +129,7 @@ EXPERIMENT = Experiment(
     build_diagram,
     adapt=place_obstacles,
     parts=lambda case: ARM,
+    quick=quick,
 )
 
 

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -74,7 +75,15 @@ def rms(run: Run) -> float:
 
 
 EXPERIMENT = Experiment(
-    "null_space_wall", __doc__, CASES, scenario_for, run, build_diagram, adapt=place_obstacles, parts=lambda case: ARM
+    "null_space_wall",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    adapt=place_obstacles,
+    parts=lambda case: ARM,
+    quick=lambda scenario: shorten(scenario, 4.0),
 )
 
 

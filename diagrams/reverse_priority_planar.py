@@ -33,6 +33,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 
@@ -153,6 +154,7 @@ EXPERIMENT = Experiment(
     own_robot=frozenset(CASES) - {"three_level"},
     seedless=frozenset(CASES) - {"three_level", "random"},
     parts=parts_of,
+    quick=lambda scenario: shorten(scenario, 3.0),
 )
 
 

@@ -15,6 +15,7 @@ from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
@@ -54,6 +55,12 @@ def run(scenario: CellScenario, options: RunOptions) -> Outcome:
     )
 
 
+def quick(scenario: CellScenario) -> None:
+    """Let the person come and touch the robot once, under the supervisor alone."""
+    scenario.ways = scenario.ways[:1]
+    shorten(scenario, 4.0)
+
+
 EXPERIMENT = Experiment(
     "safe_cell",
     __doc__,
@@ -62,6 +69,7 @@ EXPERIMENT = Experiment(
     run,
     build_diagram,
     parts=lambda case: (*ARM, "skin", "wrist", "camera"),
+    quick=quick,
 )
 
 

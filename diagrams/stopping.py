@@ -19,6 +19,7 @@ from saphari_drake.safety.speed_separation.stopping import EXTENSIONS, FILE, Sto
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.experiment import Experiment, main
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 from saphari_drake.simulation.view.figures import blank
@@ -93,7 +94,16 @@ def figure(table: StoppingTable, stops: list[Stop]) -> Figure:
     return result
 
 
-EXPERIMENT = Experiment("stopping", __doc__, CASES, scenario_for, run, build_diagram, adapt=keep)
+EXPERIMENT = Experiment(
+    "stopping",
+    __doc__,
+    CASES,
+    scenario_for,
+    run,
+    build_diagram,
+    adapt=keep,
+    quick=lambda scenario: shorten(scenario, trials=3),
+)  # one of each kind
 
 
 if __name__ == "__main__":

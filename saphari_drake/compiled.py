@@ -16,9 +16,9 @@ none of this module's business.
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
@@ -111,11 +111,34 @@ def _names(code: CodeType) -> list[str]:
     return sorted({*code.co_names, *inner})
 
 
-@functools.cache
-def _tell_once() -> None:
-    """Tell somebody who waits at a terminal what for."""
-    if sys.stderr.isatty():
-        print(f"{PACKAGE}: compiling, which takes a minute or two the first time", file=sys.stderr, flush=True)
+class _Progress:
+    """Tells somebody who waits at a terminal what for: a line on stderr while functions are compiled."""
+
+    def __init__(self) -> None:
+        self._count, self._open, self._seconds, self._start = 0, 0, 0.0, 0.0
+
+    def begins(self) -> None:
+        """Count a function; those that it calls come before its end."""
+        if self._open == 0:
+            self._start = time.monotonic()
+        self._open, self._count = self._open + 1, self._count + 1
+        passed = self._seconds + time.monotonic() - self._start
+        self._show(f"{PACKAGE}: compiling, once only, a minute or two: {self._count} functions, {passed:.0f} s")
+
+    def ends(self) -> None:
+        """Take the line away after the outermost function."""
+        self._open -= 1
+        if self._open == 0:
+            self._seconds += time.monotonic() - self._start
+            self._show("")
+
+    @staticmethod
+    def _show(text: str) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+_PROGRESS = _Progress()
 
 
 class _KernelCache(FunctionCache):
@@ -130,7 +153,7 @@ class _KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._loaded(sig, target_context)
         if found is None:
-            _tell_once()
+            _PROGRESS.begins()
         return found
 
     def _loaded(self, sig: Any, target_context: Any) -> Any:
@@ -144,6 +167,7 @@ class _KernelCache(FunctionCache):
                 Path(self._cache_file._index_path).unlink(missing_ok=True)
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        _PROGRESS.ends()
         with contextlib.suppress(OSError):
             super().save_overload(sig, data)
             for file in Path(self.cache_path).glob(f"{self._stem}-{'[0-9a-f]' * DIGITS}.*"):

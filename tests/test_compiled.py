@@ -217,6 +217,22 @@ def test_without_compiling_functions_stay_python(small):
     assert call(small, "from saphari_drake.outer import shifted; print(shifted(3))", NUMBA_DISABLE_JIT="1") == [7.0]
 
 
+def test_a_terminal_is_told_while_functions_are_compiled(small):
+    """The line counts them and is gone at the end; with everything cached there is none."""
+    program = """
+import io, sys
+class Terminal(io.StringIO):
+    isatty = lambda self: True
+sys.stderr = terminal = Terminal()
+from saphari_drake.outer import shifted
+shifted(3.0)
+text = terminal.getvalue()
+print(text.count("compiling"), float("2 functions" in text), float(text.endswith("\\r\\x1b[K")))
+"""
+    assert call(small, program) == [2.0, 1.0, 1.0]
+    assert call(small, program) == [0.0, 0.0, 0.0]
+
+
 def test_misnamed_locators_are_told(small):
     """A wrong setting of numba's is an error, not a cache that is missing."""
     program = """

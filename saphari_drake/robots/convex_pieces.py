@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
 from saphari_drake.math.primitives import BOX, CAPSULE, CYLINDER, surface_point
+from saphari_drake.robots.mesh_primitives import surface_points
 
 Array = NDArray[np.float64]
 # m; pieces that lie farther from the mesh on average are cut again. Assumed.
@@ -40,7 +41,7 @@ def convex_pieces(vertices: Array, faces: list[list[int]]) -> list[Piece]:
     """
     triangles = np.array([[face[0], a, b] for face in faces for a, b in itertools.pairwise(face[1:])])
     corners = vertices[triangles]
-    surface, body = _sampled(corners), _body_axes(corners)
+    surface, body = surface_points(corners, SAMPLES), _body_axes(corners)
     best: tuple[float, list[Piece]] = (np.inf, [])
     for count in range(1, MOST + 1):
         pieces, depth = [], 0.0
@@ -58,15 +59,6 @@ def convex_pieces(vertices: Array, faces: list[list[int]]) -> list[Piece]:
         if best[0] < NEAR:
             break
     return best[1]
-
-
-def _sampled(corners: Array) -> Array:
-    """Points on the surface of triangles (t, 3, 3), evenly by area."""
-    rng = np.random.default_rng(0)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    chosen = corners[rng.choice(len(corners), SAMPLES, p=area / area.sum())]
-    a, b = np.sort(rng.uniform(size=(2, SAMPLES)), axis=0)
-    return np.einsum("kij,ki->kj", chosen, np.column_stack([a, b - a, 1.0 - b]))
 
 
 def _body_axes(corners: Array) -> Array:

@@ -68,18 +68,18 @@ def _read_obj(path: Path) -> Array:
 
 def fit_capsules(triangles: Array) -> list[FittedCapsule]:
     """Return up to four capsules around the surface of triangles (k, 3, 3), m; the same for the same triangles."""
-    return _fitted(_samples(triangles), SPLITS)
+    return _fitted(surface_points(triangles, SAMPLES), SPLITS)
 
 
-def _samples(triangles: Array) -> Array:
-    """Points (SAMPLES, 3) spread evenly over the surface."""
+def surface_points(triangles: Array, count: int) -> Array:
+    """Return points (count, 3) spread evenly over triangles (k, 3, 3); their corners if they have no area."""
     rng = np.random.default_rng(0)
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if area.sum() == 0.0:
         return triangles.reshape(-1, 3)
-    k = rng.choice(len(triangles), SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, SAMPLES, 1))
+    k = rng.choice(len(triangles), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
     u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
     return np.asarray(a[k] + u * (b - a)[k] + v * (c - a)[k])
 

@@ -174,12 +174,15 @@ def force_metrics(log: Log, touches: list[Touch], desired: float) -> list[Metric
 
 
 def drift_metrics(setup: ContactSetup, log: Log, touches: list[Touch]) -> list[Metric]:
-    """Return the error of the force that is resisted, and the drift along the one that is not."""
+    """Return the error of the force that is resisted, and the drift along the one that is not, if it came."""
     control = setup.scenario.system.pipeline.controller
     wanted = np.array(control.fixed_force)
     unit, size = wanted / np.linalg.norm(wanted), float(np.linalg.norm(wanted))
     rows = steady(log, touches[0])
     held = float((log["contact_truth"][rows, :3] @ unit).mean())
+    resisted = Metric("force_along_desired_error_N", abs(held - size), "N", high=0.5, reported="regulated")
+    if len(touches) < 2:
+        return [resisted]
     drift = find_drift(log, setup.robot, touches[1])
     velocity, expected = drift.velocity[-1], expected_drift(log, setup.robot, drift, control)
     time = float(log.time[drift.rows[-1]] - log.time[drift.rows[0]])
@@ -187,7 +190,7 @@ def drift_metrics(setup: ContactSetup, log: Log, touches: list[Touch]) -> list[M
     K_f, K_d = np.broadcast_to(control.K_f, 3)[axis], np.broadcast_to(control.K_d, 3)[axis]
     cosine = velocity @ expected / (np.linalg.norm(velocity) * np.linalg.norm(expected))
     metrics = [
-        Metric("force_along_desired_error_N", abs(held - size), "N", high=0.5, reported="regulated"),
+        resisted,
         Metric("drift_speed", -velocity @ unit, "m/s", low=0.0, reported="drifts against F_d"),
         Metric("drift_speed_expected", -expected @ unit, "m/s"),
         Metric("drift_speed_error_relative", abs((velocity @ unit) / (expected @ unit) - 1.0), "1", high=0.1),

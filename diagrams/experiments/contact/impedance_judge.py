@@ -47,7 +47,7 @@ def return_metrics(setup: ContactSetup, log: Log, touches: list[judge.Touch]) ->
         errors.append(abs(times[name] / ideal - 1.0))
         reported = {"x": "slowest", "y": "fastest", "z": "between"}[name]
         metrics.append(Metric(f"return_time_{name}_s", times[name], "s", 0.85 * ideal, 1.15 * ideal, reported))
-    ordered = float(times.get("y", np.nan) < times.get("z", np.nan) < times.get("x", np.nan))
+    ordered = float(times["y"] < times["z"] < times["x"]) if len(times) == 3 else np.nan
     final = max(judge.position_error_final(log, setup.robot, touch) for touch in touches)
     return [
         *metrics,

@@ -24,12 +24,14 @@ from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_limits, record_robot
 from saphari_drake.simulation.runner.limits import limit_metrics
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, NothingToJudgeError, Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions, Simulation
 from saphari_drake.simulation.view.replay import Arrow, Marker, show, write_replay
 from saphari_drake.simulation.world.cell import Cell, contact_truth
 
 Array = NDArray[np.float64]
+LONGEST, AFTER = 8.0, 2.5  # s; of a quick run, and what of it comes after the first push
 BLUE, GREEN = (0.0, 0.25, 0.80), (0.0, 0.62, 0.45)
 ARROW_SCALE = 0.008  # m/N
 
@@ -51,6 +53,12 @@ def aimed(pushes: Sequence[Push], seed: int, spread: float) -> list[Push]:
     """Return the pushes of a person who misses the aimed points by up to `spread` (m) in each direction."""
     offsets = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(pushes), 3)) * spread
     return [replace(push, aim=list(np.add(push.aim, offset))) for push, offset in zip(pushes, offsets)]
+
+
+def quick(scenario: Any) -> None:
+    """Shorten a `ContactScenario` to its first push and what follows it, or to one trial."""
+    pushes = scenario.pushes[:1]
+    shorten(scenario, min([LONGEST, *(push.start + push.hold + AFTER for push in pushes)]))
 
 
 @dataclass

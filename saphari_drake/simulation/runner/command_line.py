@@ -54,7 +54,7 @@ def parser(program: str, summary: str, cases: Mapping[str, str], accepts_model: 
   {script} --scenario runs/{first}/scenario.yaml
 
 Every name in scenario.yaml can be set, nested ones with dots: --set controller.gain=20.
-Order: the case's own values, then --scenario, then --seed, --duration, --plant and --model, then --set.
+Order: the case's own values, then --quick, --scenario, --seed, --duration, --plant and --model, then --set.
 Faults (--set faults=[NAME, ...], begin at --set fault_time=S, sizes in fault_sizes), where the case has the part:
 {listed()}
 Exit status: 0 all bounds met, 1 some missed, 2 input that cannot be used, 130 or 143 told to end by Ctrl-C or SIGTERM,
@@ -64,6 +64,7 @@ which keeps the log so far. Timing figures (*_ms_*) never decide.""",
     add("--case", action="append", metavar="NAME", help="case to run; may be repeated (default: all)")
     add("--list-cases", action="store_true", help="list the cases and stop")
     add("--seed", type=int, metavar="N", help="seed of everything random")
+    add("--quick", action="store_true", help="the shortest run that gives a figure; judged by what happens in it")
     add("--duration", type=float, metavar="S", help="simulated time (s)")
     add("--set", action="append", default=[], metavar="PATH=VALUE", help="set a parameter by its dotted name")
     add("--scenario", type=_path, metavar="FILE.yaml", help="parameters, all or some; a case named there is run")

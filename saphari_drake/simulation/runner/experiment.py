@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +16,14 @@ from pydrake.systems.framework import Diagram
 from saphari_drake.errors import ParameterError, SaphariError, UnknownNameError
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.faults.registry import require_faults
-from saphari_drake.simulation.record.files import atomic_path, own_folder, write_text
+from saphari_drake.simulation.record.files import own_folder
+from saphari_drake.simulation.record.frames import FrameKeeper
 from saphari_drake.simulation.runner.command_line import complain, parser, say
 from saphari_drake.simulation.runner.faults import fault_metrics
+from saphari_drake.simulation.runner.graph import write_graph
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
 from saphari_drake.simulation.runner.other_robot import adapted, robot_named
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Outcome, judged_so_far, prepare_folder, table, write_outputs
 from saphari_drake.simulation.runner.scenario import checked, load_tree, merged, to_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
@@ -59,6 +60,8 @@ class Experiment:
         Cases in which a seed changes nothing: the worst of several seeds says no more than one.
     parts : callable
         Returns what of a case a fault can act on, out of `saphari_drake.simulation.faults.registry.PARTS`.
+    quick : callable
+        Shortens a scenario to the least that gives its figure, for --quick; whatever else is given comes after.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Experiment:
     own_robot: frozenset[str] = frozenset()
     seedless: frozenset[str] = frozenset()
     parts: Callable[[str], Collection[str]] = lambda case: ()
+    quick: Callable[[Any], None] = shorten
 
     def __post_init__(self) -> None:
         for case in self.seedless | self.own_robot:
@@ -135,7 +139,7 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         return PASSED
     scenarios = scenarios_of(experiment, options)
     if options.graphviz is not None:
-        _write_graph(experiment, scenarios[0], options.graphviz)
+        write_graph(experiment.build_diagram, scenarios[0], options.graphviz)
         return PASSED
     if options.also and options.out is None:
         raise ParameterError(f"--{options.also[0]}", "needs --out, the folder to write to")
@@ -152,7 +156,8 @@ def _main(experiment: Experiment, argv: Sequence[str] | None) -> int:
         folder = None if options.out is None else options.out / scenario.case
         try:
             with contextlib.nullcontext() if folder is None else own_folder(folder):
-                passed = _run_case(experiment, scenario, RunOptions(meshcat), folder, options.also)
+                run_options = RunOptions(meshcat, frames=FrameKeeper() if "mcap" in options.also else None)
+                passed = _run_case(experiment, scenario, run_options, folder, options.also)
             status = max(status, PASSED if passed else MISSED)
         except (SaphariError, OSError, MemoryError) as error:
             complain(experiment.name, error, f"case {scenario.case}: ")
@@ -186,7 +191,8 @@ def _run_case(experiment: Experiment, scenario: Any, options: RunOptions, folder
     word += f" (not judged: {outcome.note})" if outcome.note else ""
     say(f"\n{heading}\n{table(outcome.metrics)}\n{scenario.case}: {word}")
     if folder is not None:
-        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also)
+        frames = () if options.frames is None else options.frames.frames
+        write_outputs(folder, outcome, tree, experiment.seed_matters(scenario), also, frames)
     return outcome.passed
 
 
@@ -219,6 +225,8 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         known = [text for text in options.set if text.startswith("model.")]  # of the robot, which it takes to load it
         scenario = with_assignments(experiment.scenario_for(case), known)
         scenario = adapted(experiment, scenario, robot_named(given, options.set, tree))
+        if options.quick:
+            experiment.quick(scenario)
         scenario = with_assignments(merged(merged(scenario, tree), given), options.set)
         if scenario.case != case:
             raise ParameterError("case", "cannot be set; choose it with --case")
@@ -229,21 +237,3 @@ def scenarios_of(experiment: Experiment, options: argparse.Namespace) -> list[An
         require_faults(getattr(scenario, "faults", []), experiment.parts(case))
         scenarios.append(checked(scenario))
     return scenarios
-
-
-def _write_graph(experiment: Experiment, scenario: Any, path: Path) -> None:
-    """Write the block diagram of a scenario as Graphviz text, or as an image if the suffix names one."""
-    if experiment.build_diagram is None:
-        raise ParameterError("--graphviz", "this experiment has no block diagram")
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in ("dot", "gv", "svg", "png", "pdf"):
-        raise ParameterError("--graphviz", f"writes .dot, .gv, .svg, .png or .pdf, not '{path.name}'")
-    text = experiment.build_diagram(scenario).GetGraphvizString()
-    if kind in ("dot", "gv"):
-        write_text(path, text)
-        return
-    dot = shutil.which("dot")
-    if dot is None:
-        raise ParameterError("--graphviz", f"a .{kind} file needs the program 'dot' of Graphviz; .dot works without")
-    with atomic_path(path) as temporary:
-        subprocess.run([dot, f"-T{kind}", "-o", str(temporary)], input=text.encode(), check=True)

@@ -19,6 +19,7 @@ from pydrake.common.yaml import yaml_dump_typed
 import saphari_drake
 from saphari_drake.errors import ParameterError, SaphariError
 from saphari_drake.simulation.record.files import atomic_path, write_text
+from saphari_drake.simulation.record.frames import DepthFrame
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.mcap import McapFile
 
@@ -209,10 +210,11 @@ def write_outputs(
     scenario_tree: dict[str, Any],
     seed_matters: bool = True,
     also: Collection[str] = (),
+    frames: Sequence[DepthFrame] = (),
 ) -> None:
     """Write metrics.json, log.npz, figure.png and, if there is one, replay.html.
 
-    `also` names mcap and gif to be written too, or no-pictures: neither figure nor replay.
+    `also` names mcap (with `frames`) and gif to be written too, or no-pictures: neither figure nor replay.
     """
     metrics, log, picture, page, run, animation = (folder / name for name in RESULTS)
     document = metrics_document(outcome, scenario_tree, seed_matters)
@@ -235,5 +237,6 @@ def write_outputs(
     if "mcap" in also:
         with atomic_path(run) as temporary, McapFile(temporary) as file:
             file.add_log(outcome.log)
+            file.add_frames(frames)
             if outcome.replay is not None:
                 outcome.replay(file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from pydrake.geometry import Meshcat
@@ -12,6 +13,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from saphari_drake.simulation.faults.watch import Answer, answer
+from saphari_drake.simulation.record.frames import FrameKeeper
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder, recorded
 from saphari_drake.simulation.runner.interrupt import STOP, InterruptedRunError
@@ -29,10 +31,13 @@ class RunOptions:
         Live view to publish to.
     answered : dict
         For each run with faults, what became of them; the runs fill it in.
+    frames : FrameKeeper, optional
+        Keeps images of the cameras, one every `CHUNK` at most.
     """
 
     meshcat: Meshcat | None = None
     answered: dict[int, Answer] = field(default_factory=dict)
+    frames: FrameKeeper | None = None
 
     @property
     def realtime_rate(self) -> float:
@@ -65,16 +70,22 @@ class Simulation:
             # Drake's default integrator looks at all systems three times a step, though nothing is to be integrated.
             ResetIntegratorFromFlags(self._simulator, "explicit_euler", CHUNK)
         self._simulator.Initialize()
+        if self._options.frames is not None:
+            self._options.frames.begin()
 
     def to(self, end: float) -> Context:
         """Advance to a time (s) and return the root context there."""
         cpu, context = time.process_time(), self._simulator.get_context()
-        self.wall += advance(self._simulator, end - context.get_time(), self._label)
+        self.wall += advance(self._simulator, end - context.get_time(), self._label, self._look)
         self.cpu += time.process_time() - cpu
         became = answer(self._diagram, context)
         if became is not None:
             self._options.answered[self._number] = became
         return context
+
+    def _look(self, context: Context) -> None:
+        if self._options.frames is not None:
+            self._options.frames.look(self._diagram, context)
 
     def log(self, recorder: Recorder) -> Log:
         """Return what a recorder of the diagram holds."""
@@ -86,8 +97,12 @@ class Simulation:
         return self._simulator.get_context().get_time() / self.wall
 
 
-def advance(simulator: Simulator, duration: float, label: str = "") -> float:
+def advance(
+    simulator: Simulator, duration: float, label: str = "", look: Callable[[Context], None] = lambda context: None
+) -> float:
     """Advance a simulator by `duration` (s), showing progress on stderr if that is a terminal.
+
+    `look` is called every `CHUNK`, and does not change the root context that it is given.
 
     Returns
     -------
@@ -106,6 +121,7 @@ def advance(simulator: Simulator, duration: float, label: str = "") -> float:
     try:
         for step in range(1, steps + 1):
             simulator.AdvanceTo(start + duration * step / steps)
+            look(simulator.get_context())
             if STOP.signal:
                 context = simulator.get_context()
                 raise InterruptedRunError(recorded(simulator.get_system(), context), context.get_time())

@@ -198,6 +198,11 @@ class DepthCameraSampler(LeafSystem):
         )
         self.DeclareVectorOutputPort("image_time", BasicVector(1), self._calc_time, prerequisites_of_calc=ticket)
 
+    @property
+    def camera(self) -> CameraParameters:
+        """The camera whose frames these are."""
+        return self._camera
+
     def _take(self, context: Context, state: State) -> EventStatus:
         params, time = self._params, context.get_time()
         frames: _Frames = state.get_abstract_state(int(self._state)).get_value()

@@ -1,8 +1,10 @@
 """A run as one MCAP file in the `foxglove` schemas: transforms, scene and signals, for Foxglove, Rerun and others.
 
 Topics: ``/tf`` (`foxglove.FrameTransforms`: every body in ``world``), ``/scene`` (`foxglove.SceneUpdate`: shapes fixed
-to their bodies, once), ``/overlays`` (`foxglove.SceneUpdate`: arrows and balls of the replay, every frame), and
-for each signal of the log ``/log/NAME`` (`saphari_drake.Signal`: `timestamp`, `values`, `unit`).
+to their bodies, once), ``/overlays`` (`foxglove.SceneUpdate`: arrows and balls of the replay, every frame), for each
+camera ``/NAME/depth`` (`foxglove.RawImage`: 16UC1, mm, 0 without a reading) with ``/NAME/calibration``
+(`foxglove.CameraCalibration`), and for each signal of the log ``/log/NAME`` (`saphari_drake.Signal`: `timestamp`,
+`values`, `unit`).
 """
 
 from __future__ import annotations
@@ -21,13 +23,15 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, Diagram
 
 from saphari_drake.errors import ParameterError
+from saphari_drake.simulation.record.frames import DepthFrame
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.view.mcap_messages import (
+    calibration,
     color_of,
     message_types,
     nanoseconds,
     pose_of,
-    quaternion,
+    transform_of,
     vector,
 )
 from saphari_drake.simulation.view.overlays import Arrow, Marker, shown_at
@@ -85,6 +89,25 @@ class McapFile:
                 message.timestamp.FromNanoseconds(nanoseconds(time))
                 self._write(f"/log/{name}", message, time)
 
+    def add_frames(self, frames: Sequence[DepthFrame]) -> None:
+        """Add depth images, each with the calibration of its camera and its pose in the world."""
+        from saphari_drake.perception.camera.model import camera_pose
+
+        m = self._messages
+        for frame in frames:
+            image = m.RawImage(
+                frame_id=frame.name, encoding="16UC1", width=frame.camera.width, height=frame.camera.height,
+                step=2 * frame.camera.width, data=frame.pixels,
+            )  # fmt: skip
+            placed = m.FrameTransforms()
+            placed.transforms.append(transform_of(m, WORLD, frame.name, camera_pose(frame.camera)))
+            optics = calibration(m, frame.name, frame.camera)
+            for stamped in (image, placed.transforms[0], optics):
+                stamped.timestamp.FromNanoseconds(nanoseconds(frame.time))
+            self._write("/tf", placed, frame.time)
+            self._write(f"/{frame.name}/calibration", optics, frame.time)
+            self._write(f"/{frame.name}/depth", image, frame.time)
+
     def add_replay(
         self, plant: MultibodyPlant, diagram: Diagram, times: Array, positions: Array, stamps: Array,
         overlays: Sequence[Arrow | Marker],
@@ -131,10 +154,8 @@ class McapFile:
         m, message = self._messages, self._messages.FrameTransforms()
         for body in bodies:
             pose = plant.EvalBodyPoseInWorld(context, body)
-            transform = message.transforms.add(parent_frame_id=WORLD, child_frame_id=_name(plant, body))
-            transform.timestamp.FromNanoseconds(nanoseconds(time))
-            transform.translation.CopyFrom(vector(m, pose.translation()))
-            transform.rotation.CopyFrom(quaternion(m, pose.rotation()))
+            message.transforms.append(transform_of(m, WORLD, _name(plant, body), pose))
+            message.transforms[-1].timestamp.FromNanoseconds(nanoseconds(time))
         self._write("/tf", message, time)
 
     def _add_overlays(self, drawn: Sequence[Drawn], frame: int, time: float) -> None:

@@ -6,31 +6,40 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
+if TYPE_CHECKING:
+    from saphari_drake.perception.camera.model import CameraParameters
+
 
 def message_types() -> SimpleNamespace:
     """Return the message types of foxglove that are used, and `Signal`, in one namespace."""
     from foxglove_schemas_protobuf import (
+        CameraCalibration_pb2,
         Color_pb2,
+        FrameTransform_pb2,
         FrameTransforms_pb2,
         Pose_pb2,
         Quaternion_pb2,
+        RawImage_pb2,
         SceneEntityDeletion_pb2,
         SceneUpdate_pb2,
         Vector3_pb2,
     )  # fmt: skip
 
     return SimpleNamespace(
+        CameraCalibration=CameraCalibration_pb2.CameraCalibration,
         Color=Color_pb2.Color,
+        FrameTransform=FrameTransform_pb2.FrameTransform,
         FrameTransforms=FrameTransforms_pb2.FrameTransforms,
         Pose=Pose_pb2.Pose,
         Quaternion=Quaternion_pb2.Quaternion,
+        RawImage=RawImage_pb2.RawImage,
         SceneEntityDeletion=SceneEntityDeletion_pb2.SceneEntityDeletion,
         SceneUpdate=SceneUpdate_pb2.SceneUpdate,
         Vector3=Vector3_pb2.Vector3,
@@ -75,6 +84,22 @@ def quaternion(m: Any, rotation: RotationMatrix) -> Any:
 def pose_of(m: Any, pose: RigidTransform) -> Any:
     """Return a `foxglove.Pose`."""
     return m.Pose(position=vector(m, pose.translation()), orientation=quaternion(m, pose.rotation()))
+
+
+def transform_of(m: Any, parent: str, child: str, pose: RigidTransform) -> Any:
+    """Return a `foxglove.FrameTransform` without its time."""
+    place = {"translation": vector(m, pose.translation()), "rotation": quaternion(m, pose.rotation())}
+    return m.FrameTransform(parent_frame_id=parent, child_frame_id=child, **place)
+
+
+def calibration(m: Any, name: str, camera: CameraParameters) -> Any:
+    """Return a `foxglove.CameraCalibration` without its time; there the centre of the first pixel is (0, 0)."""
+    x, y = np.subtract(camera.center, 0.5)
+    K = np.array([[camera.focal_x, 0.0, x], [0.0, camera.focal_y, y], [0.0, 0.0, 1.0]])
+    return m.CameraCalibration(
+        frame_id=name, width=camera.width, height=camera.height,
+        K=K.ravel(), R=np.eye(3).ravel(), P=np.column_stack([K, np.zeros(3)]).ravel(),
+    )  # fmt: skip
 
 
 def color_of(m: Any, color: Rgba) -> Any:

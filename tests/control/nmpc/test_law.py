@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
-from saphari_drake.control.nmpc.law import solve
+from saphari_drake.control.nmpc.law import at_rest, nmpc_step, solve
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, NmpcStatus, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.rows import distance_rows, kept_distances
@@ -106,3 +106,21 @@ def test_the_plan_keeps_the_distance_and_the_extent_exactly(lwr4, margin):
         problem, scene = beside_the_wrist(lwr4, radius, obstacle_cost=False, clearance_margin=margin)
         kept = problem.test_points[1].d_min + margin + radius
         assert distances(problem, scene).min() == pytest.approx(kept, abs=1e-5)
+
+
+@pytest.mark.parametrize("speed", [-0.5, 0.3])
+def test_an_obstacle_seen_before_is_where_it_has_come_since(lwr4, speed):
+    """A step with what was seen `age` ago is that with the same obstacle seen now; the clearance is that from there."""
+    problem, scene = beside_the_wrist(lwr4)
+    q, age, v = scene.q0, 0.06, np.array([[0.0, speed, 0.0]])
+    wrist = bench.test_points(problem, q)[-1]
+    now = (wrist - np.array([0.0, problem.test_points[1].d_min + 0.08, 0.0]))[None]
+    R, p = problem.end_effector_pose(problem.data.home)
+    reference = NmpcReference(p[None], R[None])
+    one, other = (
+        nmpc_step(problem, at_rest(problem, q), q, reference, ObstaclePoints(place, v, np.zeros(1), 0.0), since)
+        for place, since in ((now, 0.0), (now - age * v, age))
+    )
+    assert one.status == other.status == NmpcStatus.SOLVED
+    np.testing.assert_allclose(other.command, one.command, atol=1e-9)
+    assert other.clearance == pytest.approx(one.clearance, abs=1e-9) and one.clearance <= 0.08 + 1e-9

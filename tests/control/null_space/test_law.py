@@ -9,7 +9,7 @@ from null_space_loop import Loop, bent
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 
-from saphari_drake.control.null_space.law import Desired, Yielding, advance_offset, shifted
+from saphari_drake.control.null_space.law import Desired, Yielding, advance_offset, saturated, shifted
 from saphari_drake.control.null_space.parameters import OBSERVERS, NullSpaceComplianceParameters
 from saphari_drake.control.null_space.system import NullSpaceComplianceController
 from saphari_drake.math.rotations import axis_rotation, rotation_log, rotation_rate
@@ -194,3 +194,17 @@ def test_pose_task_on_a_moving_target(lwr4, observer, limit):
         loop.step(np.array([0.0, -6.0 * min(t, 1.0), 0.0]))
         errors.append(np.abs(loop.e.error).max())
     assert max(errors) < limit
+
+
+@pytest.mark.parametrize("m", [3, 6])
+def test_the_observer_s_error_is_bounded_whatever_the_error_is(m):
+    """f(x̃) of (44): along x̃, as x̃ where that is small, and growing with it to a norm of 1 m, which it never reaches."""
+    scale = np.r_[np.full(m - 3, 0.1), np.ones(3)]
+    direction = np.random.default_rng(m).normal(size=m)
+    direction /= np.linalg.norm(scale * direction)
+    sizes = np.array([1e-9, 1e-3, 0.1, 0.9, 1.0, 1.1, 10.0, 1e6])
+    values = np.array([saturated(size * direction, scale) for size in sizes])
+    norms = np.linalg.norm(scale * values, axis=1)
+    np.testing.assert_allclose(values, np.outer(norms, direction), rtol=1e-9)
+    assert np.all(np.diff(norms) > 0.0) and np.all(norms < 1.0) and norms[-1] > 0.999
+    np.testing.assert_allclose(norms[0], sizes[0], rtol=1e-6)

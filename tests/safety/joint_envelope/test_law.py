@@ -7,7 +7,7 @@ from arms import arm_path
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
-from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque
+from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 
 COMMANDS = ("noise", "constant", "nothing", "switching")
@@ -120,3 +120,20 @@ def test_a_robot_too_weak_to_stop_is_refused(tmp_path):
 def test_bad_parameters_are_named(field):
     with pytest.raises(ParameterError, match=field):
         JointEnvelopeParameters(**{field: -1.0})
+
+
+@pytest.mark.parametrize("delay", [0, 1, 4])
+@pytest.mark.parametrize("age", [0.0, 0.5])
+def test_torques_that_wait_move_the_robot_until_the_next_one_acts(lwr4, delay, age):
+    """Each acts for a period, after that which acted while the velocity grew old; the way is that of these speeds."""
+    rng, params = np.random.default_rng(delay), JointEnvelopeParameters()
+    T, terms = params.period, evaluate_dynamics(lwr4, lwr4.home, rng.normal(size=7))
+    h, external = terms.Cv + terms.g, rng.normal(size=7)
+    torques = h + 20.0 * rng.normal(size=(6, 7))
+    motion = Motion(terms.q, terms.v, terms.M, h, external, torques[-1])
+    found = predicted(envelope_of(lwr4, params), motion, torques, delay, age * T)
+    a = np.linalg.solve(terms.M, (torques + external - h).T).T
+    speeds = terms.v + age * T * a[5 - delay] + T * np.cumsum(a[6 - delay :], axis=0)
+    np.testing.assert_allclose(found.q, terms.q + T * speeds.sum(axis=0), atol=1e-12)
+    np.testing.assert_allclose(found.v, speeds[-1] if delay else terms.v + age * T * a[-1], rtol=1e-9)
+    np.testing.assert_array_equal(found.tau, torques[-1])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saphari_drake.safety.joint_envelope.stopping import largest_acceleration, stop_position
+from saphari_drake.safety.joint_envelope.stopping import fastest, largest_acceleration, speed_bound, stop_position
 
 T = 0.001
 
@@ -64,3 +64,21 @@ def test_stops_in_periods_end_no_farther_than_told(seed):
     assert farthest <= told + 1e-12
     # Nor much less far: one period of delay, at the speed and acceleration that it begins with.
     assert told - farthest <= 2.5 * T * (abs(v) + a * a / J + abs(a) * 2.0 * np.sqrt(2.0 * abs(v) / A)) + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_fastest_is_what_a_joint_comes_to(seed):
+    """It keeps a for a period and lowers it with the jerk: the largest velocity of that motion, by its integral."""
+    rng = np.random.default_rng(seed)
+    v, a, J, period = rng.uniform(-2.0, 2.0), rng.uniform(-20.0, 40.0), 10.0 ** rng.uniform(2.0, 3.0), 0.005
+    times = np.linspace(0.0, period + max(a, 0.0) / J, 20001)
+    acceleration = np.where(times <= period, a, a - J * (times - period))
+    steps = 0.5 * (acceleration[1:] + acceleration[:-1]) * np.diff(times)
+    assert fastest(v, a, J, period) == pytest.approx(max(v, np.max(v + np.cumsum(steps))), abs=1e-4)
+
+
+@pytest.mark.parametrize("left", [1e-4, 0.02, 1.0])
+def test_the_bound_of_the_speed_uses_it_up(left):
+    """After a period with that acceleration the fastest is the limit, no less."""
+    a = speed_bound(1.0, 1.0 + left, 200.0, T)
+    assert fastest(1.0 + a * T, a, 200.0, T) == pytest.approx(1.0 + left, rel=1e-12)

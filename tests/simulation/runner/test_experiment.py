@@ -23,8 +23,9 @@ from saphari_drake.robots.catalog import models_dir
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.runner.experiment import Experiment, main
+from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Metric, Outcome
-from saphari_drake.simulation.runner.scenario import with_assignments
+from saphari_drake.simulation.runner.scenario import load_tree, with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions, advance
 from saphari_drake.simulation.view import mcap
 from saphari_drake.simulation.view.figures import Panel, time_panels
@@ -201,6 +202,21 @@ def test_partial_scenario_applies_to_every_case(tmp_path, capsys):
     assert main(toy(), ["--scenario", str(path), "--out", str(tmp_path)]) == 0
     trees = [json.loads((tmp_path / case / "metrics.json").read_text())["scenario"] for case in ("soft", "stiff")]
     assert [tree["spring"] for tree in trees] == [{"stiffness": k, "damping": 5.0} for k in (100.0, 400.0)]
+
+
+def test_quick_shortens_before_anything_else_is_set(tmp_path):
+    """A case lasts no longer than the experiment says, and what is given beside it comes after."""
+
+    def durations(experiment, *arguments):
+        assert main(experiment, [*arguments, "--out", str(tmp_path)]) == 0
+        return [load_tree(tmp_path / case / "scenario.yaml")["duration"] for case in ("soft", "stiff")]
+
+    long = toy(scenario_for=lambda case: dataclasses.replace(scenario_for(case), duration=2.5))
+    assert durations(long) == [2.5, 2.5]
+    assert durations(long, "--quick") == [2.0, 2.0] and durations(toy(), "--quick") == [0.5, 0.5]
+    assert durations(long, "--quick", "--duration", "0.3") == [0.3, 0.3]
+    own = dataclasses.replace(long, quick=lambda scenario: shorten(scenario, 0.1 if scenario.case == "soft" else 0.2))
+    assert durations(own, "--quick") == [0.1, 0.2]
 
 
 def test_list_cases(capsys):

@@ -1,11 +1,14 @@
 """The drift that eq. (60) gives, against its closed form."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from experiments.contact.force_judge import Drift, expected_drift, free_drift_speed
+from experiments.contact.force_judge import Drift, drift_metrics, expected_drift, free_drift_speed
 
 from saphari_drake.control.contact.parameters import ContactForceControlParameters
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.people.pushing_hand import Push
 from saphari_drake.simulation.record.log import Log
 
 PARAMS = ContactForceControlParameters(direction="fixed", fixed_force=[0.0, 15.0, 0.0])
@@ -49,3 +52,13 @@ def test_the_torque_of_the_handover_acts_on_the_natural_inertia(lwr4):
     rate, time = 10.5 / 10.0, log.time[-1]
     expected = start * -np.expm1(-rate * time) / rate
     assert expected_drift(log, lwr4, drift, PARAMS) == pytest.approx(expected, rel=5e-3)
+
+
+def test_before_the_drift_the_resisted_force_alone_is_judged(lwr4):
+    """A run that ends after the first push."""
+    log, _ = made_up_log(lwr4, np.zeros(7), [0.0, 14.8, 0.0], count=301)
+    setup = SimpleNamespace(
+        scenario=SimpleNamespace(system=SimpleNamespace(pipeline=SimpleNamespace(controller=PARAMS)))
+    )
+    (metric,) = drift_metrics(setup, log, [SimpleNamespace(push=Push("link_6", start=0.2, hold=1.0))])
+    assert metric.name == "force_along_desired_error_N" and metric.value == pytest.approx(0.2)
