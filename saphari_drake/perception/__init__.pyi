@@ -1,4 +1,4 @@
-from .camera.check import CameraCheckParameters as CameraCheckParameters
+from .camera.check_parameters import CameraCheckParameters as CameraCheckParameters
 from .camera.check_system import CameraCheck as CameraCheck
 from .camera.check_system import CheckScheduleParameters as CheckScheduleParameters
 from .camera.frame_check import FrameCheckParameters as FrameCheckParameters

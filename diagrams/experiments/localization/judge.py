@@ -63,6 +63,12 @@ class Row(NamedTuple):
     other_weight: float
     size: float  # m, radius of what touches
     other_link: int  # that is touched at the same time (−1: none)
+    camera_error: float = 0.0  # m, by which the first camera shows the contact beside itself
+    camera_error_before: float = 0.0  # m, the same without its correction
+
+
+METRES = {"size", *(name for name in Row._fields if name.endswith("error") and "force" not in name)}
+METRES.add("camera_error_before")
 
 
 def judged_scene(

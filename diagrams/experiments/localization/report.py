@@ -22,7 +22,7 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
     column = {name: log[name][:, 0] for name in log}
     error, case = column["error"], scenario.case
     high = {"one_camera": 0.006, "miscalibrated": 0.010, "hidden": 0.015}.get(case, np.inf)
-    tail = {"one_camera": 0.020, "hidden": 0.150}.get(case, np.inf)
+    tail = {"one_camera": 0.020, "miscalibrated": 0.040, "hidden": 0.150}.get(case, np.inf)
     both = case == "two_contacts"
     high = 0.025 if both else high
     result = [
@@ -61,6 +61,10 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
             Metric(f"{name}_link_correct", column[f"{name}_link_right"].mean(), "1"),
             Metric(f"{name}_force_error_relative_median", np.median(column[f"{name}_force_error"]), "1"),
         ]
+    if scenario.checked:
+        for name in ("camera_error", "camera_error_before"):
+            result.append(Metric(f"{name}_median_m", float(np.median(column[name])), "m"))
+            result.append(Metric(f"{name}_p95_m", np.percentile(column[name], 95), "m"))
     return [
         *result,
         Metric("ambiguous_share", float(np.mean(column["other_weight"] > 0.1)), "1"),

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import Capsule, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.localization.hands import Hands
 from experiments.localization.parameters import SceneParameters, room_depth
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
@@ -73,10 +74,8 @@ class ContactScenes:
         self, robot: RobotModel, cameras: list[CameraParameters], params: SceneParameters, seed: int = 0
     ) -> None:
         self.robot, self.cameras, self.params = robot, cameras, params
-        rng = np.random.default_rng([seed, 77])
-        # Each hand: finger radius and length, fist radius, forearm radius and length (m).
-        names = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length")
-        self.sizes = np.array([[rng.uniform(*getattr(params, name)) for name in names] for _ in range(params.hands)])
+        self._all = Hands(params, np.random.default_rng([seed, 77]))
+        self.sizes = self._all.sizes
         builder = DiagramBuilder()
         self.plant = self.add_plant(builder)
         scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
@@ -109,17 +108,8 @@ class ContactScenes:
         """Add a free body: z away from the contact, origin at the tip of the finger, or of the fist without one."""
         name = f"{kind}_{hand}"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05))
-        for shape, z, part in self._parts(kind, hand):
+        for shape, z, part in self._all.parts(kind, hand):
             plant.RegisterVisualGeometry(body, RigidTransform([0.0, 0.0, z]), shape, f"{name}_{part}", _SKIN)
-
-    def _parts(self, kind: str, hand: int):
-        finger, length, fist, arm, arm_length = self.sizes[hand]
-        start = length if kind == "finger" else 0.0
-        parts = [(Sphere(fist), start + fist, "fist"), (Capsule(arm, arm_length), start + fist + arm_length / 2, "arm")]
-        if kind == "finger":
-            straight = length + fist - finger
-            parts.append((Capsule(finger, straight), finger + straight / 2, "finger"))
-        return parts
 
     def _place(self, hands: dict) -> None:
         for key, body in self._hands.items():
@@ -144,7 +134,7 @@ class ContactScenes:
         """
         shapes, own = self.robot.shapes, np.flatnonzero(self.robot.shapes.link == link)
         for _ in range(4000 if q is None else 300):
-            posture = self._posture(rng) if q is None else q
+            posture = self.posture(rng) if q is None else q
             terms = self.poses(posture)
             R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
             s = rng.choice(own)
@@ -156,7 +146,7 @@ class ContactScenes:
             if nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, others, p)[1] < self.params.margin:
                 continue
             hand = int(rng.integers(self.params.hands))
-            X_WH = self._hand_pose(rng, kind, hand, p, n)
+            X_WH = self._all.pose(rng, kind, hand, p, n)
             if p[2] < 0.05 or not self._clear(kind, hand, X_WH, p, R_WS, p_WS):
                 continue
             if other is not None:
@@ -169,29 +159,17 @@ class ContactScenes:
             return DrawnTouch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LH)
         raise ParameterError("posture", f"no contact of a {kind} on {self.robot.link_names[link]} could be drawn")
 
-    def _posture(self, rng: np.random.Generator) -> Array:
+    def posture(self, rng: np.random.Generator) -> Array:
+        """Return a random posture about home (n,)."""
         reach = np.full(self.robot.n, self.params.posture)
         reach[0] *= 2.0
         q = self.robot.home + rng.uniform(-1.0, 1.0, self.robot.n) * reach
         return np.clip(q, self.robot.q_min, self.robot.q_max)
 
-    def _hand_pose(self, rng: np.random.Generator, kind: str, hand: int, p: Array, n: Array) -> RigidTransform:
-        finger, _, fist, arm, arm_length = self.sizes[hand]
-        if kind == "forearm":  # its side touches somewhere along its length
-            z = np.cross(n, rng.normal(size=3))
-            z /= np.linalg.norm(z)
-            origin = p + arm * n - (fist + rng.uniform(0.3, 0.9) * arm_length) * z
-        else:
-            z = n + rng.uniform(0.0, 0.7) * _unit(np.cross(n, rng.normal(size=3)))
-            z /= np.linalg.norm(z)
-            origin = p + (finger if kind == "finger" else fist) * (n - z)
-        x = _unit(np.cross(rng.normal(size=3), z))
-        return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), origin)
-
     def _clear(self, kind: str, hand: int, X_WH: RigidTransform, p: Array, R_WS: Array, p_WS: Array) -> bool:
         """Whether the hand touches the robot at p only, and nothing below the floor."""
         shapes, everything = self.robot.shapes, np.ones(self.robot.shapes.count, dtype=bool)
-        for shape, z, _ in self._parts("finger" if kind == "finger" else "fist", hand):
+        for shape, z, _ in self._all.parts("finger" if kind == "finger" else "fist", hand):
             radius = shape.radius()
             half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
             for t in np.linspace(-half, half, 1 if half == 0.0 else 12):
@@ -237,13 +215,13 @@ class ContactScenes:
         """Return an image as a Kinect would measure it."""
         return add_kinect_noise(image, rng, self.params.noise, self.cameras[camera])
 
-    def visible(self, image: Depth, camera: int, touch: DrawnTouch, q: Array) -> bool:
+    def contact(self, touch: DrawnTouch) -> Array:
+        """Return the contact point at the first frame, in the world (3,), m."""
+        terms = self.poses(touch.q)
+        return terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
+
+    def visible(self, image: Depth, camera: int, touch: DrawnTouch) -> bool:
         """Whether the camera sees enough of the person beside the contact, in an exact image."""
-        terms, p = self.poses(q), self.params
-        p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
-        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, p_W, p.visible_radius)
+        terms, p = self.poses(touch.q), self.params
+        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, self.contact(touch), p.visible_radius)
         return pixels >= p.visible_pixels
-
-
-def _unit(a: Array) -> Array:
-    return a / np.linalg.norm(a)
