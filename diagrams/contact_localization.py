@@ -11,6 +11,7 @@ from experiments.localization.parameters import KINDS
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
+    TWO,
     ContactLocalizationScenario,
     believed_cameras,
     build_scenes,
@@ -42,7 +43,7 @@ def build_diagram(scenario: ContactLocalizationScenario) -> Diagram:
 def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[DrawnTouch] | None:
     """Draw the touches of scene `index`; nothing if there is no room for two."""
     links = [link for link in range(1, scenes.robot.n) if np.any(scenes.robot.shapes.link == link)]
-    if case != "two_contacts":
+    if case not in TWO:
         return [scenes.draw(rng, links[index % len(links)], KINDS[(index // len(links)) % len(KINDS)])]
     pairs = [(a, b) for b in links for a in links if a < b]
     inner, outer = pairs[index % len(pairs)]

@@ -62,6 +62,7 @@ class Row(NamedTuple):
     particle_force_error: float
     other_weight: float
     size: float  # m, radius of what touches
+    force: float  # N, its true size
     other_link: int  # that is touched at the same time (−1: none)
     camera_error: float = 0.0  # m, by which the first camera shows the contact beside itself
     camera_error_before: float = 0.0  # m, the same without its correction
@@ -138,6 +139,7 @@ def judged_scene(
                 particle_force_error=float(np.linalg.norm(filtered.F_W - forces[k])) / size,
                 other_weight=result.second_weight,
                 size=float(scenes.sizes[touch.hand][[0, 2, 3][KINDS.index(touch.kind)]]),
+                force=size,
                 other_link=touches[1 - k].link if len(touches) == 2 else -1,
             )
         )

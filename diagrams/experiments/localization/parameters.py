@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.simulation.sensors.depth_noise import DepthNoiseParameters
 
@@ -31,8 +31,10 @@ class SceneParameters:
     speed: float = 0.15
     # m; least distance of the contact point from the other links' surfaces, which would share it.
     margin: float = 0.010
-    # N; size of the force, the tangent of its angle to the normal, and the share by which it wanders over frames.
+    # N; size of the force, drawn uniformly or in its logarithm, the tangent of its angle to the normal, and the share
+    # by which it wanders over frames.
     force: list[float] = field(default_factory=lambda: [10.0, 40.0])
+    force_drawn: str = "uniform"
     friction: float = 0.45
     wander: float = 0.15
     # Nm; standard deviation of the residual of each joint, and the share of it that the next frame repeats.
@@ -47,6 +49,7 @@ class SceneParameters:
         ranges = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length", "force")
         require_positive(self, *ranges, "hands", "posture", "visible_pixels", "visible_radius")
         require_non_negative(self, "speed", "margin", "friction", "wander", "torque_noise")
+        require_choice(self, "force_drawn", ("uniform", "logarithm"))
         for name in ranges:
             value = getattr(self, name)
             if len(value) != 2 or value[0] > value[1]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from experiments.localization.judge import Shown
 from experiments.localization.parameters import KINDS
-from experiments.localization.scenario import CASES, NEVER, ContactLocalizationScenario
+from experiments.localization.scenario import BANDS, CASES, NEVER, TWO, ContactLocalizationScenario
 from experiments.localization.scenes import ContactScenes
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.record.log import Log
@@ -23,7 +24,7 @@ def metrics(scenario: ContactLocalizationScenario, robot: RobotModel, log: Log, 
     error, case = column["error"], scenario.case
     high = {"one_camera": 0.006, "miscalibrated": 0.010, "hidden": 0.015}.get(case, np.inf)
     tail = {"one_camera": 0.020, "miscalibrated": 0.040, "hidden": 0.150}.get(case, np.inf)
-    both = case == "two_contacts"
+    both = case in TWO
     high = 0.025 if both else high
     result = [
         Metric("median_m", float(np.median(error)), "m", high=high),
@@ -84,6 +85,11 @@ def _forces(robot: RobotModel, column: dict, both: bool) -> list[Metric]:
         Metric("median_of_found_m", float(np.median(column["error"][found])), "m"),
         Metric("force_error_relative_median", float(np.median(error[found])), "1", high=0.20, decides=False),
     ]
+    for low, high in pairwise(BANDS):
+        rows = found & (column["force"] >= low) & (column["force"] < high)
+        if rows.any():
+            name = f"force_{low:.0f}_to_{high:.0f}_N"
+            result.append(Metric(f"{name}_error_relative_median", float(np.median(error[rows])), "1"))
     for link in range(1, robot.n):
         for other in range(1, link):
             rows = found & (column["link"] == link) & (column["other_link"] == other)

@@ -21,7 +21,10 @@ CASES = {
     "miscalibrated": "one camera that sees the contact, its pose wrong by 5 mm and 0.3° before it sees the robot",
     "hidden": "one camera that does not see the contact; 0.05 Nm of torque noise, eight frames",
     "two_contacts": "two hands at once on two links, one camera that sees both",
+    "force_range": "two hands at once, forces from 3 to 80 N, uniform in their logarithm",
 }
+TWO = ("two_contacts", "force_range")  # with two hands
+BANDS = (3.0, 10.0, 40.0, 80.0)  # N; between each two, the error of the force is given for itself
 NEVER = 1.0  # m; error of a contact that was not found
 
 
@@ -68,8 +71,10 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
         scenario.checked = 4
     if case == "hidden":
         scenario.scenes.torque_noise = 0.05
-    if case == "two_contacts":
+    if case in TWO:
         scenario.count = 105
+    if case == "force_range":
+        scenario.scenes.force, scenario.scenes.force_drawn = [BANDS[0], BANDS[-1]], "logarithm"
     return scenario
 
 
