@@ -7,7 +7,6 @@ import sys
 import numpy as np
 from experiments.localization.calibration import corrections, displaced, robot_alone
 from experiments.localization.judge import METRES, Localizer, Row, Shown, judged_scene
-from experiments.localization.parameters import KINDS
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
@@ -42,18 +41,19 @@ def build_diagram(scenario: ContactLocalizationScenario) -> Diagram:
 
 def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[DrawnTouch] | None:
     """Draw the touches of scene `index`; nothing if there is no room for two."""
+    kinds = scenes.hands.kinds
     links = [link for link in range(1, scenes.robot.n) if np.any(scenes.robot.shapes.link == link)]
     if case not in TWO:
-        return [scenes.draw(rng, links[index % len(links)], KINDS[(index // len(links)) % len(KINDS)])]
+        return [scenes.draw(rng, links[index % len(links)], kinds[(index // len(links)) % len(kinds)])]
     pairs = [(a, b) for b in links for a in links if a < b]
     inner, outer = pairs[index % len(pairs)]
-    kinds = KINDS[index % len(KINDS)], KINDS[(index // len(KINDS)) % len(KINDS)]
+    chosen = kinds[index % len(kinds)], kinds[(index // len(kinds)) % len(kinds)]
     try:
-        first = scenes.draw(rng, outer, kinds[0])
-        second = scenes.draw(rng, inner, kinds[1], first.q, first)
+        first = scenes.draw(rng, outer, chosen[0])
+        second = scenes.draw(rng, inner, chosen[1], first.q, first)
     except ParameterError:
         return None  # the posture leaves no room: another one is drawn
-    same = (first.kind == "finger") == (second.kind == "finger") and first.hand == second.hand
+    same = scenes.hands.body(first.kind) == scenes.hands.body(second.kind) and first.hand == second.hand
     return None if same else [first, second]
 
 

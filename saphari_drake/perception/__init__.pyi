@@ -8,6 +8,7 @@ from .camera.model import CameraParameters as CameraParameters
 from .contact.localizer import ContactLocalizer as ContactLocalizer
 from .contact.parameters import FusionParameters as FusionParameters
 from .contact.parameters import LocalizerParameters as LocalizerParameters
+from .contact.values import ContactModes as ContactModes
 from .obstacles.tracker import ObstacleTracker as ObstacleTracker
 from .obstacles.tracks import ObstacleTrackerParameters as ObstacleTrackerParameters
 from .segmentation.background import background_depth as background_depth

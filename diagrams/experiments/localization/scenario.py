@@ -21,6 +21,7 @@ CASES = {
     "miscalibrated": "one camera that sees the contact, its pose wrong by 5 mm and 0.3° before it sees the robot",
     "hidden": "one camera that does not see the contact; 0.05 Nm of torque noise, eight frames",
     "two_contacts": "two hands at once on two links, one camera that sees both",
+    "measured_people": "one camera that sees the contact; hands, sleeves and bodies of many sizes, none as assumed",
     "force_range": "two hands at once, forces from 3 to 80 N, uniform in their logarithm",
 }
 TWO = ("two_contacts", "force_range")  # with two hands
@@ -73,6 +74,9 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
         scenario.scenes.torque_noise = 0.05
     if case in TWO:
         scenario.count = 105
+    if case == "measured_people":
+        scenario.count = 408  # 68 of each kind
+        scenario.scenes.people, scenario.scenes.sleeve_sigma = "measured", 0.004
     if case == "force_range":
         scenario.scenes.force, scenario.scenes.force_drawn = [BANDS[0], BANDS[-1]], "logarithm"
     return scenario

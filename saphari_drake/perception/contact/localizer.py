@@ -67,6 +67,7 @@ class ContactLocalizer(LeafSystem):
         - second_contact_force
         - other_mode
         - other_mode_weight
+        - contact_modes
 
     Ports
     -----
@@ -86,6 +87,7 @@ class ContactLocalizer(LeafSystem):
     contact_force, second_contact_force : 3 (N, world), of the person on the robot, inside the friction cone.
     other_mode : abstract `ContactPoint`, the best explanation at another place.
     other_mode_weight : 1, its probability against that of the contact (0–0.5): near 0.5 the contact is ambiguous.
+    contact_modes : abstract `ContactModes`, every place that has a probability of `least_mode` (5 %), with it.
 
     Every `period` posture and residual are remembered; when frames have arrived, those of the newest frame's own time
     stamp pose the robot. It and the static background are removed from the images, and the rest is explained as

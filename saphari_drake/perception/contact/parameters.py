@@ -119,6 +119,8 @@ class FusionParameters:
     # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
     mode_distance: float = 0.05
     modes: int = 3
+    # Least probability of a place that is published (0–1).
+    least_mode: float = 0.05
     # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
     memory: float = 0.9
     # Share of a force that is new with each frame (0–1).
@@ -154,7 +156,7 @@ class FusionParameters:
             self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force",
             "unexplained", "least_weight",
         )  # fmt: skip
-        for name in ("memory", "again", "ambiguous"):
+        for name in ("memory", "again", "ambiguous", "least_mode"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ParameterError(name, f"must lie in 0–1, got {getattr(self, name)}")
         if not 0.0 < self.rcond < 1.0:
