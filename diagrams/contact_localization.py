@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from experiments.localization.judge import Localizer, Row, Shown, judged_scene
-from experiments.localization.parameters import KINDS
+from experiments.localization.calibration import corrections, displaced, robot_alone
+from experiments.localization.judge import METRES, Localizer, Row, Shown, judged_scene
 from experiments.localization.report import figure, metrics, replay
 from experiments.localization.scenario import (
     CASES,
+    TWO,
     ContactLocalizationScenario,
     believed_cameras,
     build_scenes,
@@ -17,6 +18,7 @@ from experiments.localization.scenario import (
 )
 from experiments.localization.scenes import ContactScenes, DrawnTouch
 from experiments.placement.scenes import place_scenes
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.errors import ParameterError
@@ -39,18 +41,19 @@ def build_diagram(scenario: ContactLocalizationScenario) -> Diagram:
 
 def drawn_touches(case: str, scenes: ContactScenes, rng: np.random.Generator, index: int) -> list[DrawnTouch] | None:
     """Draw the touches of scene `index`; nothing if there is no room for two."""
+    kinds = scenes.hands.kinds
     links = [link for link in range(1, scenes.robot.n) if np.any(scenes.robot.shapes.link == link)]
-    if case != "two_contacts":
-        return [scenes.draw(rng, links[index % len(links)], KINDS[(index // len(links)) % len(KINDS)])]
+    if case not in TWO:
+        return [scenes.draw(rng, links[index % len(links)], kinds[(index // len(links)) % len(kinds)])]
     pairs = [(a, b) for b in links for a in links if a < b]
     inner, outer = pairs[index % len(pairs)]
-    kinds = KINDS[index % len(KINDS)], KINDS[(index // len(KINDS)) % len(KINDS)]
+    chosen = kinds[index % len(kinds)], kinds[(index // len(kinds)) % len(kinds)]
     try:
-        first = scenes.draw(rng, outer, kinds[0])
-        second = scenes.draw(rng, inner, kinds[1], first.q, first)
+        first = scenes.draw(rng, outer, chosen[0])
+        second = scenes.draw(rng, inner, chosen[1], first.q, first)
     except ParameterError:
         return None  # the posture leaves no room: another one is drawn
-    same = (first.kind == "finger") == (second.kind == "finger") and first.hand == second.hand
+    same = scenes.hands.body(first.kind) == scenes.hands.body(second.kind) and first.hand == second.hand
     return None if same else [first, second]
 
 
@@ -68,7 +71,7 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     backgrounds = [
         background_depth(scenes.background(k, rng), scenario.localizer) for k in range(len(scenario.cameras))
     ]
-    law = ContactFusionLaw(scenes.robot, scenario.fusion)
+    law, alone = ContactFusionLaw(scenes.robot, scenario.fusion), robot_alone(scenario, scenes)
     rows: list[Row] = []
     shown: list[Shown] = []
     drawn = count = 0
@@ -79,15 +82,20 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
         if touches is None:
             continue
         images = scenes.images(touches, touches[0].q)
-        if not wanted(case, [scenes.visible(images[0], 0, touch, touches[0].q) for touch in touches]):
+        if not wanted(case, [scenes.visible(images[0], 0, touch) for touch in touches]):
             continue
+        believed = believed_cameras(scenario, rng)
+        corrected = corrections(scenario, scenes, alone, believed, rng)
         filters = [
-            RobotFilter(scenes.robot.shapes, camera, scenario.localizer, background)
-            for camera, background in zip(believed_cameras(scenario, rng), backgrounds)
+            RobotFilter(scenes.robot.shapes, camera, scenario.localizer, background).corrected(X_correct)
+            for camera, background, X_correct in zip(believed, backgrounds, corrected)
         ]
         localizer = Localizer(law, [PlaceFinder(camera, scenario.localizer) for camera in filters])
         judged, picture = judged_scene(scenario, scenes, localizer, touches, images, rng)
-        rows += judged
+        p_W = scenes.contact(touches[0])
+        pose = displaced(scenario.cameras[0], believed[0], corrected[0], p_W)
+        before = displaced(scenario.cameras[0], believed[0], RigidTransform(), p_W)
+        rows += [row._replace(camera_error=pose, camera_error_before=before) for row in judged]
         shown += [picture] if count < SHOWN else []
         count += 1
         if sys.stderr.isatty():
@@ -95,16 +103,8 @@ def run(scenario: ContactLocalizationScenario, options: RunOptions) -> Outcome:
     if sys.stderr.isatty():
         print(file=sys.stderr)
     log = Log(np.arange(len(rows), dtype=float))
-    units = {
-        "error": "m",
-        "first_error": "m",
-        "vision_error": "m",
-        "baseline_error": "m",
-        "particle_error": "m",
-        "size": "m",
-    }
     for name in Row._fields:
-        log.add(name, [getattr(row, name) for row in rows], units.get(name, "1"))
+        log.add(name, [getattr(row, name) for row in rows], "m" if name in METRES else "1")
     return Outcome(
         metrics(scenario, scenes.robot, log, drawn),
         log,

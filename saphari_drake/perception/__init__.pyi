@@ -1,4 +1,4 @@
-from .camera.check import CameraCheckParameters as CameraCheckParameters
+from .camera.check_parameters import CameraCheckParameters as CameraCheckParameters
 from .camera.check_system import CameraCheck as CameraCheck
 from .camera.check_system import CheckScheduleParameters as CheckScheduleParameters
 from .camera.frame_check import FrameCheckParameters as FrameCheckParameters
@@ -8,6 +8,7 @@ from .camera.model import CameraParameters as CameraParameters
 from .contact.localizer import ContactLocalizer as ContactLocalizer
 from .contact.parameters import FusionParameters as FusionParameters
 from .contact.parameters import LocalizerParameters as LocalizerParameters
+from .contact.values import ContactModes as ContactModes
 from .obstacles.tracker import ObstacleTracker as ObstacleTracker
 from .obstacles.tracks import ObstacleTrackerParameters as ObstacleTrackerParameters
 from .segmentation.background import background_depth as background_depth

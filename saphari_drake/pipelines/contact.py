@@ -15,6 +15,8 @@ from saphari_drake.estimation.contact_force import ContactForceEstimator, Contac
 from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
 from saphari_drake.parameters import diagonal, require_positive, share_period
+from saphari_drake.perception.camera.check_parameters import CameraCheckParameters
+from saphari_drake.perception.camera.check_system import CameraCheck, CheckScheduleParameters
 from saphari_drake.perception.camera.frame_check import FrameCheckParameters
 from saphari_drake.perception.camera.frame_check_system import FrameCheck
 from saphari_drake.perception.camera.model import CameraParameters
@@ -48,7 +50,9 @@ class ContactPipelineParameters:
     # What finds hidden contacts. The residual's noise is measured; the cone is wide, as fingers hook at edges and the
     # cover's normals are not those of the model.
     fusion: FusionParameters = field(default_factory=lambda: FusionParameters(torque_sigma=0.05, friction=1.5, modes=6))
-    # Of the camera's frames.
+    # Of the camera's pose, which is corrected while nobody is in view; and of its frames.
+    camera_check: CameraCheckParameters = field(default_factory=CameraCheckParameters)
+    camera_schedule: CheckScheduleParameters = field(default_factory=CheckScheduleParameters)
     frames: FrameCheckParameters = field(default_factory=FrameCheckParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)
@@ -85,6 +89,7 @@ class ContactPipeline(NamedTuple):
     model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
+    camera_check: CameraCheck
     frames: FrameCheck
     monitor: ContactMonitor
     force: ContactForceEstimator
@@ -143,6 +148,10 @@ def add_contact_pipeline(
                 robot, [camera], params.localizer, [background], fusion=params.fusion, period=params.period
             ),
         ),
+        camera_check=add(
+            "camera_check",
+            CameraCheck(robot, camera, params.camera_check, params.camera_schedule, period=params.period),
+        ),
         frames=add("frame_check", FrameCheck(robot, camera, params.frames, background, params.period)),
         monitor=add("contact_monitor", ContactMonitor(robot, params.monitor)),
         force=add("contact_force", ContactForceEstimator(robot, params.force)),
@@ -158,6 +167,9 @@ def add_contact_pipeline(
         (held.position, p.localizer, "position_measured"),
         (measured.depth_image, p.localizer, "depth_image"),
         (measured.image_time, p.localizer, "image_time"),
+        (held.position, p.camera_check, "position_measured"),
+        (measured.depth_image, p.camera_check, "depth_image"),
+        (measured.image_time, p.camera_check, "image_time"),
         (held.position, p.frames, "position_measured"),
         (measured.depth_image, p.frames, "depth_image"),
         (measured.image_time, p.frames, "image_time"),
@@ -180,6 +192,8 @@ def add_contact_pipeline(
         (p.detector, "contact", p.model_error, p.monitor),
         (p.localizer, "contact_point", p.monitor),
         (p.localizer, "camera_status", p.frames),
+        (p.localizer, "human_points", p.camera_check),
+        (p.camera_check, "correction", p.localizer),
         (p.frames, "camera_status", p.monitor),
         (p.monitor, "interaction", p.controller),
         (p.force, "contact_force", p.controller),

@@ -43,6 +43,19 @@ def test_two_contacts_have_a_row_each_and_files_are_written(tmp_path):
     assert document["metrics"]["both_found"] == np.mean(log["error"] < NEVER)
 
 
+def test_forces_of_a_range_are_judged_in_bands():
+    outcome = script.run(scenario_of("force_range", count=6), RunOptions())
+    force, found = outcome.log["force"][:, 0], outcome.log["error"][:, 0] < NEVER
+    assert force.min() < 10.0 and force.max() > 40.0
+    values = {metric.name: metric.value for metric in outcome.metrics}
+    for low, high in ((3, 10), (10, 40), (40, 80)):
+        rows = found & (force >= low) & (force < high)
+        name = f"force_{low}_to_{high}_N_error_relative_median"
+        assert (name in values) == rows.any()
+        if rows.any():
+            assert values[name] == pytest.approx(np.median(outcome.log["force_error"][rows]))
+
+
 def test_same_seed_gives_the_same_scenes():
     runs = [script.run(scenario_of("hidden", count=2), RunOptions()) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].log["error"], runs[1].log["error"])

@@ -62,7 +62,15 @@ class Row(NamedTuple):
     particle_force_error: float
     other_weight: float
     size: float  # m, radius of what touches
+    as_limb: float  # whether it was taken for a limb
+    force: float  # N, its true size
     other_link: int  # that is touched at the same time (−1: none)
+    camera_error: float = 0.0  # m, by which the first camera shows the contact beside itself
+    camera_error_before: float = 0.0  # m, the same without its correction
+
+
+METRES = {"size", *(name for name in Row._fields if name.endswith("error") and "force" not in name)}
+METRES.add("camera_error_before")
 
 
 def judged_scene(
@@ -93,7 +101,7 @@ def judged_scene(
         terms = scenes.poses(q)
         forces = np.array([terms.R_WL[touch.link] @ push[k] for touch, push in zip(touches, pushes)])
         r = noise[k] + sum(terms.point(touch.link, touch.p_L).Jv_WC.T @ force for touch, force in zip(touches, forces))
-        depth = [scenes.noisy(image, i, rng) for i, image in enumerate(exact)]
+        depth = [scenes.noisy(image, i, rng, touches) for i, image in enumerate(exact)]
         at = instant(scenes.robot, 0.0, quantize(q, encoders), r)._replace(sigma=sigma)
         instants.append(at)
         views = [finder.look(z, at.R_WL, at.p_WL, 2) for finder, z in zip(localizer.finders, depth)]
@@ -131,7 +139,9 @@ def judged_scene(
                 particle_link_right=float(filtered.link == touch.link),
                 particle_force_error=float(np.linalg.norm(filtered.F_W - forces[k])) / size,
                 other_weight=result.second_weight,
-                size=float(scenes.sizes[touch.hand][[0, 2, 3][KINDS.index(touch.kind)]]),
+                size=scenes.hands.size(touch.kind, touch.hand),
+                as_limb=float(mode >= 0 and result.modes[mode].limb),
+                force=size,
                 other_link=touches[1 - k].link if len(touches) == 2 else -1,
             )
         )

@@ -6,19 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.parameters import require_choice, require_non_negative, require_positive
 from saphari_drake.perception.camera.model import CameraParameters, back_projected, camera_pose, ray_tables
 from saphari_drake.simulation.sensors.depth_noise import DepthNoiseParameters
 
 Depth = NDArray[np.float32]
 
-KINDS = ("finger", "fist", "forearm")
+KINDS = ("finger", "fist", "forearm", "pinch", "palm", "elbow")
 
 
 @dataclass
 class SceneParameters:
     """How scenes are drawn. Ranges are [low, high], uniform. All assumed."""
 
+    # "plain": finger, fist and forearm of the dimensions below; "measured": hands that pinch and press too, tapering
+    # arms with elbows, trunk and head, of the 5th to the 95th percentile.
+    people: str = "plain"
+    # m; deviation of the wrinkles of sleeves (0: none), and about their length.
+    sleeve_sigma: float = 0.0
+    sleeve_length: float = 0.04
     # Hands of different size that are drawn from (≥ 1), and their dimensions (m).
     hands: int = 6
     finger_radius: list[float] = field(default_factory=lambda: [0.006, 0.012])
@@ -31,8 +37,10 @@ class SceneParameters:
     speed: float = 0.15
     # m; least distance of the contact point from the other links' surfaces, which would share it.
     margin: float = 0.010
-    # N; size of the force, the tangent of its angle to the normal, and the share by which it wanders over frames.
+    # N; size of the force, drawn uniformly or in its logarithm, the tangent of its angle to the normal, and the share
+    # by which it wanders over frames.
     force: list[float] = field(default_factory=lambda: [10.0, 40.0])
+    force_drawn: str = "uniform"
     friction: float = 0.45
     wander: float = 0.15
     # Nm; standard deviation of the residual of each joint, and the share of it that the next frame repeats.
@@ -45,8 +53,10 @@ class SceneParameters:
 
     def __post_init__(self) -> None:
         ranges = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length", "force")
-        require_positive(self, *ranges, "hands", "posture", "visible_pixels", "visible_radius")
-        require_non_negative(self, "speed", "margin", "friction", "wander", "torque_noise")
+        require_positive(self, *ranges, "hands", "posture", "sleeve_length", "visible_pixels", "visible_radius")
+        require_non_negative(self, "speed", "margin", "friction", "wander", "torque_noise", "sleeve_sigma")
+        require_choice(self, "people", ("plain", "measured"))
+        require_choice(self, "force_drawn", ("uniform", "logarithm"))
         for name in ranges:
             value = getattr(self, name)
             if len(value) != 2 or value[0] > value[1]:

@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 def wandering_forces(rng: np.random.Generator, touch: DrawnTouch, frames: int, p: SceneParameters) -> Array:
     """Return the force on the robot in each frame, (frames, 3) N, in the link's frame; it wanders in its cone."""
     inward = -touch.n_L
-    size, tilt = rng.uniform(p.force[0], p.force[1]), p.friction * np.sqrt(rng.random())
+    low, high = p.force
+    size = rng.uniform(low, high) if p.force_drawn == "uniform" else np.exp(rng.uniform(np.log(low), np.log(high)))
+    tilt = p.friction * np.sqrt(rng.random())
     side = np.cross(inward, rng.normal(size=3))
     side /= np.linalg.norm(side)
     result, drift = np.zeros((frames, 3)), np.zeros(3)

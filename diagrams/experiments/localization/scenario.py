@@ -9,6 +9,7 @@ from experiments.localization.parameters import SceneParameters
 from experiments.localization.scenes import ContactScenes
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.camera.check_parameters import CameraCheckParameters
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.law import FusionParameters
 from saphari_drake.perception.contact.parameters import LocalizerParameters
@@ -17,10 +18,14 @@ from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 CASES = {
     "one_camera": "one camera that sees the contact",
     "two_cameras": "two cameras, all contacts, seen or not",
-    "miscalibrated": "one camera that sees the contact, its pose wrong by 5 mm and 0.3°",
+    "miscalibrated": "one camera that sees the contact, its pose wrong by 5 mm and 0.3° before it sees the robot",
     "hidden": "one camera that does not see the contact; 0.05 Nm of torque noise, eight frames",
     "two_contacts": "two hands at once on two links, one camera that sees both",
+    "measured_people": "one camera that sees the contact; hands, sleeves and bodies of many sizes, none as assumed",
+    "force_range": "two hands at once, forces from 3 to 80 N, uniform in their logarithm",
 }
+TWO = ("two_contacts", "force_range")  # with two hands
+BANDS = (3.0, 10.0, 40.0, 80.0)  # N; between each two, the error of the force is given for itself
 NEVER = 1.0  # m; error of a contact that was not found
 
 
@@ -39,15 +44,18 @@ class ContactLocalizationScenario(PlantScenario):
     # m and deg; error of the camera's pose that the localizer does not know of.
     extrinsic_shift: float = 0.0
     extrinsic_turn: float = 0.0
+    # Postures of the robot alone by which each camera is checked and corrected before the touch (≥ 0; 0: it is not).
+    checked: int = 0
     cameras: list[CameraParameters] = field(default_factory=lambda: [CameraParameters()])
     scenes: SceneParameters = field(default_factory=SceneParameters)
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     fusion: FusionParameters = field(default_factory=FusionParameters)
+    check: CameraCheckParameters = field(default_factory=CameraCheckParameters)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_positive(self, "count", "frames")
-        require_non_negative(self, "moving", "extrinsic_shift", "extrinsic_turn")
+        require_non_negative(self, "moving", "extrinsic_shift", "extrinsic_turn", "checked")
         if self.moving > 1.0:
             raise ParameterError("moving", f"must not exceed 1, got {self.moving}")
         if not self.cameras:
@@ -61,10 +69,16 @@ def scenario_for(case: str) -> ContactLocalizationScenario:
         scenario.cameras.append(CameraParameters(position=[1.2, 1.4, 1.2]))
     if case == "miscalibrated":
         scenario.extrinsic_shift, scenario.extrinsic_turn = 0.005, 0.3
+        scenario.checked = 4
     if case == "hidden":
         scenario.scenes.torque_noise = 0.05
-    if case == "two_contacts":
+    if case in TWO:
         scenario.count = 105
+    if case == "measured_people":
+        scenario.count = 408  # 68 of each kind
+        scenario.scenes.people, scenario.scenes.sleeve_sigma = "measured", 0.004
+    if case == "force_range":
+        scenario.scenes.force, scenario.scenes.force_drawn = [BANDS[0], BANDS[-1]], "logarithm"
     return scenario
 
 

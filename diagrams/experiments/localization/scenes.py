@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import Capsule, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from experiments.localization.hands import Hands
 from experiments.localization.parameters import SceneParameters, room_depth
+from experiments.localization.people import People
+from experiments.localization.sleeves import wrinkled
 from saphari_drake.errors import ParameterError
 from saphari_drake.math.primitives import CAPSULE, nearest_surface_point, surface_point
 from saphari_drake.perception.camera.model import CameraParameters
@@ -45,6 +49,8 @@ class DrawnTouch(NamedTuple):
         Which of the hands.
     X_LH : RigidTransform
         Pose of the hand's frame in the link.
+    X_LT : RigidTransform, optional
+        Pose of the trunk.
     """
 
     q: Array
@@ -55,6 +61,7 @@ class DrawnTouch(NamedTuple):
     kind: str
     hand: int
     X_LH: RigidTransform
+    X_LT: RigidTransform | None = None
 
 
 class ContactScenes:
@@ -73,18 +80,16 @@ class ContactScenes:
         self, robot: RobotModel, cameras: list[CameraParameters], params: SceneParameters, seed: int = 0
     ) -> None:
         self.robot, self.cameras, self.params = robot, cameras, params
-        rng = np.random.default_rng([seed, 77])
-        # Each hand: finger radius and length, fist radius, forearm radius and length (m).
-        names = ("finger_radius", "finger_length", "fist_radius", "forearm_radius", "forearm_length")
-        self.sizes = np.array([[rng.uniform(*getattr(params, name)) for name in names] for _ in range(params.hands)])
+        kind = People if params.people == "measured" else Hands
+        self.hands = kind(params, np.random.default_rng([seed, 77]))
         builder = DiagramBuilder()
         self.plant = self.add_plant(builder)
         scene_graph = next(system for system in builder.GetSystems() if isinstance(system, SceneGraph))
         self._arm = self.plant.GetModelInstanceByName(self._arm_name)
-        self._hands = {
-            (kind, hand): self.plant.GetBodyByName(f"{kind}_{hand}")
+        self._bodies = {
+            (body, hand): self.plant.GetBodyByName(f"{body}_{hand}")
             for hand in range(params.hands)
-            for kind in ("finger", "fist")
+            for body in self.hands.bodies
         }
         for k, camera in enumerate(cameras):
             system = add_depth_camera(builder, scene_graph, camera, f"camera_{k}")
@@ -100,29 +105,20 @@ class ContactScenes:
         plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
         self._arm_name = plant.GetModelInstanceName(self.robot.add_to(plant))
         for hand in range(self.params.hands):
-            for kind in ("finger", "fist"):
-                self._add_hand(plant, kind, hand)
+            for body in self.hands.bodies:
+                self._add_body(plant, body, hand)
         plant.Finalize()
         return plant
 
-    def _add_hand(self, plant: MultibodyPlant, kind: str, hand: int) -> None:
-        """Add a free body: z away from the contact, origin at the tip of the finger, or of the fist without one."""
+    def _add_body(self, plant: MultibodyPlant, kind: str, hand: int) -> None:
+        """Add a free body of a person."""
         name = f"{kind}_{hand}"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), SpatialInertia.SolidSphereWithMass(1.0, 0.05))
-        for shape, z, part in self._parts(kind, hand):
-            plant.RegisterVisualGeometry(body, RigidTransform([0.0, 0.0, z]), shape, f"{name}_{part}", _SKIN)
-
-    def _parts(self, kind: str, hand: int):
-        finger, length, fist, arm, arm_length = self.sizes[hand]
-        start = length if kind == "finger" else 0.0
-        parts = [(Sphere(fist), start + fist, "fist"), (Capsule(arm, arm_length), start + fist + arm_length / 2, "arm")]
-        if kind == "finger":
-            straight = length + fist - finger
-            parts.append((Capsule(finger, straight), finger + straight / 2, "finger"))
-        return parts
+        for shape, X, part in self.hands.parts(kind, hand):
+            plant.RegisterVisualGeometry(body, X, shape, f"{name}_{part}", _SKIN)
 
     def _place(self, hands: dict) -> None:
-        for key, body in self._hands.items():
+        for key, body in self._bodies.items():
             self.plant.SetFreeBodyPose(self._plant_context, body, hands.get(key, _AWAY))
 
     # ---- drawing ------------------------------------------------------------------------------------------------
@@ -143,8 +139,9 @@ class ContactScenes:
             Contact of the other hand at that posture, from which this one keeps 15 cm away.
         """
         shapes, own = self.robot.shapes, np.flatnonzero(self.robot.shapes.link == link)
-        for _ in range(4000 if q is None else 300):
-            posture = self._posture(rng) if q is None else q
+        tries = 4000 if q is None else 300
+        for k in range(tries):
+            posture = self.posture(rng) if q is None else q
             terms = self.poses(posture)
             R_WS, p_WS = shapes.in_world(terms.R_WL, terms.p_WL)
             s = rng.choice(own)
@@ -156,47 +153,42 @@ class ContactScenes:
             if nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, others, p)[1] < self.params.margin:
                 continue
             hand = int(rng.integers(self.params.hands))
-            X_WH = self._hand_pose(rng, kind, hand, p, n)
-            if p[2] < 0.05 or not self._clear(kind, hand, X_WH, p, R_WS, p_WS):
+            X_WH = self.hands.pose(rng, kind, hand, p, n)
+            if p[2] < 0.05 or not self._clear(self.hands.body(kind), hand, X_WH, p, R_WS, p_WS):
                 continue
+            X_WT = self.hands.trunk(kind, hand, X_WH, p)
+            if X_WT is not None and not self._clear("trunk", hand, X_WT, p, R_WS, p_WS, np.inf):
+                X_WT = None  # where there is no room, in the end it is left out
+                if k < tries // 4:
+                    continue
             if other is not None:
                 p_other = terms.p_WL[other.link] + terms.R_WL[other.link] @ other.p_L
                 if np.linalg.norm(p_other - p) < 0.15:
                     continue
             R_WL, p_WL = terms.R_WL[link], terms.p_WL[link]
-            X_LH = RigidTransform(RotationMatrix(R_WL), p_WL).inverse() @ X_WH
+            X_LW = RigidTransform(RotationMatrix(R_WL), p_WL).inverse()
             v = rng.uniform(-1.0, 1.0, self.robot.n) * self.params.speed
-            return DrawnTouch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LH)
+            return DrawnTouch(posture, v, link, R_WL.T @ (p - p_WL), R_WL.T @ n, kind, hand, X_LW @ X_WH,
+                              None if X_WT is None else X_LW @ X_WT)  # fmt: skip
         raise ParameterError("posture", f"no contact of a {kind} on {self.robot.link_names[link]} could be drawn")
 
-    def _posture(self, rng: np.random.Generator) -> Array:
+    def posture(self, rng: np.random.Generator) -> Array:
+        """Return a random posture about home (n,)."""
         reach = np.full(self.robot.n, self.params.posture)
         reach[0] *= 2.0
         q = self.robot.home + rng.uniform(-1.0, 1.0, self.robot.n) * reach
         return np.clip(q, self.robot.q_min, self.robot.q_max)
 
-    def _hand_pose(self, rng: np.random.Generator, kind: str, hand: int, p: Array, n: Array) -> RigidTransform:
-        finger, _, fist, arm, arm_length = self.sizes[hand]
-        if kind == "forearm":  # its side touches somewhere along its length
-            z = np.cross(n, rng.normal(size=3))
-            z /= np.linalg.norm(z)
-            origin = p + arm * n - (fist + rng.uniform(0.3, 0.9) * arm_length) * z
-        else:
-            z = n + rng.uniform(0.0, 0.7) * _unit(np.cross(n, rng.normal(size=3)))
-            z /= np.linalg.norm(z)
-            origin = p + (finger if kind == "finger" else fist) * (n - z)
-        x = _unit(np.cross(rng.normal(size=3), z))
-        return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), origin)
-
-    def _clear(self, kind: str, hand: int, X_WH: RigidTransform, p: Array, R_WS: Array, p_WS: Array) -> bool:
-        """Whether the hand touches the robot at p only, and nothing below the floor."""
+    def _clear(self, body: str, hand: int, X_WH: RigidTransform, p: Array, R_WS: Array, p_WS: Array,
+               below: float = 0.0) -> bool:  # fmt: skip
+        """Whether a body touches the robot at p only, and nothing more than `below` (m) under the floor."""
         shapes, everything = self.robot.shapes, np.ones(self.robot.shapes.count, dtype=bool)
-        for shape, z, _ in self._parts("finger" if kind == "finger" else "fist", hand):
+        for shape, X, _ in self.hands.parts(body, hand):
             radius = shape.radius()
             half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
             for t in np.linspace(-half, half, 1 if half == 0.0 else 12):
-                centre = X_WH @ np.array([0.0, 0.0, z + t])
-                if centre[2] < radius:
+                centre = X_WH @ X @ np.array([0.0, 0.0, t])
+                if centre[2] < radius - below:
                     return False
                 gap = nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, centre)[1] - radius
                 allowed = -1e-6 if np.linalg.norm(centre - p) < radius + 0.03 else 0.005
@@ -212,7 +204,9 @@ class ContactScenes:
         placed = {}
         for touch in touches:
             X_WL = RigidTransform(RotationMatrix(terms.R_WL[touch.link]), terms.p_WL[touch.link])
-            placed["finger" if touch.kind == "finger" else "fist", touch.hand] = X_WL @ touch.X_LH
+            placed[self.hands.body(touch.kind), touch.hand] = X_WL @ touch.X_LH
+            if touch.X_LT is not None:
+                placed["trunk", touch.hand] = X_WL @ touch.X_LT
         self._place(placed)
         self.plant.SetPositions(self._plant_context, self._arm, q)
 
@@ -233,17 +227,23 @@ class ContactScenes:
         """Return noisy images of a camera with robot and person out of view."""
         return [self.noisy(self._room[camera], camera, rng) for _ in range(frames)]
 
-    def noisy(self, image: Depth, camera: int, rng: np.random.Generator) -> Depth:
-        """Return an image as a Kinect would measure it."""
+    def noisy(self, image: Depth, camera: int, rng: np.random.Generator, touches: Sequence[DrawnTouch] = ()) -> Depth:
+        """Return an image as a Kinect would measure it, with the sleeves of those who touch at the last postures."""
+        p = self.params
+        for touch in touches if p.sleeve_sigma > 0.0 else ():
+            body = self.plant.GetBodyByName(f"{self.hands.body(touch.kind)}_{touch.hand}")
+            X_WH = body.EvalPoseInWorld(self._plant_context)
+            parts = self.hands.sleeves(touch.kind, touch.hand)
+            image = wrinkled(image, self.cameras[camera], X_WH, parts, rng, p.sleeve_sigma, p.sleeve_length)
         return add_kinect_noise(image, rng, self.params.noise, self.cameras[camera])
 
-    def visible(self, image: Depth, camera: int, touch: DrawnTouch, q: Array) -> bool:
+    def contact(self, touch: DrawnTouch) -> Array:
+        """Return the contact point at the first frame, in the world (3,), m."""
+        terms = self.poses(touch.q)
+        return terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
+
+    def visible(self, image: Depth, camera: int, touch: DrawnTouch) -> bool:
         """Whether the camera sees enough of the person beside the contact, in an exact image."""
-        terms, p = self.poses(q), self.params
-        p_W = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
-        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, p_W, p.visible_radius)
+        terms, p = self.poses(touch.q), self.params
+        pixels = pixels_near(image, self.cameras[camera], self.robot, terms, self.contact(touch), p.visible_radius)
         return pixels >= p.visible_pixels
-
-
-def _unit(a: Array) -> Array:
-    return a / np.linalg.norm(a)

@@ -151,11 +151,15 @@ def residual_costs(parent, S, link, p, a, r, model):
     return misfit, spread
 
 
-def best_apart(cost: Array, p: Array, count: int, apart: float) -> list[int]:
-    """Return the indices of up to `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another."""
+def best_apart(cost: Array, p: Array, count: int, more: float, apart: float) -> list[int]:
+    """Return the indices of `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another.
+
+    And of all others of which the cost is less than `more` above the least.
+    """
     chosen: list[int] = []
     left = np.array(cost)
-    while len(chosen) < count and np.isfinite(left.min()):
+    most = left.min() + more
+    while np.isfinite(left.min()) and (len(chosen) < count or left.min() < most):
         chosen.append(int(np.argmin(left)))
         away = p - p[chosen[-1]]
         left[np.einsum("ij,ij->i", away, away) < apart * apart] = np.inf

@@ -61,6 +61,7 @@ class ContactFinder:
             "second_contact_force": lambda known, _: known.fusion.force(1),
             "other_mode": lambda known, stamp: contact_point(known.fusion.second, stamp),
             "other_mode_weight": lambda known, _: [known.fusion.second_weight],
+            "contact_modes": lambda known, stamp: known.fusion.all_modes(stamp),
         }
     )
 

@@ -29,12 +29,13 @@ from saphari_drake.perception.contact.parameters import FusionParameters
 from saphari_drake.perception.contact.places import Place, View
 from saphari_drake.perception.contact.pointing import Ray, limb_ray, limb_rays, ray_costs
 from saphari_drake.perception.contact.refinement import Start, refine
-from saphari_drake.perception.contact.values import NOTHING, Evidence, Fusion, FusionMemory, Mode
+from saphari_drake.perception.contact.values import NOTHING, Evidence, Fusion, FusionMemory, Mode, weighed
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
 _HOPELESS = 30.0  # a mode of the grid that costs so much more than the best one is not refined
+_SHOWN = 8.0  # a mode of the grid beyond those that are refined is shown up to this cost above the best one
 _GROUP = 2  # frames that the refinement takes as one, with their mean residual
 _CLOUD = 300  # about so many of the person's points are looked at for the distance of the candidates
 
@@ -57,7 +58,6 @@ class ContactFusionLaw:
         self._shapes = Primitives(s.kind, s.size, s.link, s.R_LS, s.p_LS)
         self._model = kernels.ForceModel(1.0, params.force_scale, params.friction, 0.4 * c.spacing)
         self._steps = c.spacing * np.array([0.5, 0.2, 0.08])
-
         self._compile()
 
     def _compile(self) -> None:
@@ -153,13 +153,16 @@ class ContactFusionLaw:
         at, seen = memory.frames[-1], self._seen(memory)
         if not self.felt(at):
             chosen = [min(seen, key=lambda mode: mode.cost)] if seen else []
-            return Fusion(chosen, None, 0.0, self._forces.forces(memory, chosen))
+            return Fusion(chosen, None, 0.0, self._forces.forces(memory, chosen), chosen, np.ones(len(chosen)))
         penalty = p.unseen_cost if seen else 0.0
         cost = memory.misfit + memory.spread * (1.0 + p.again * (memory.weight - 1.0)) + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost, memory.vision_cost + penalty)
         least = min(mode.cost for mode in (*seen, *grid)) + _HOPELESS
-        kept = [mode for mode in grid if mode.cost < least]
-        modes = [*seen, *self._refined(memory, kept), *(mode for mode in grid if mode.cost >= least)]
+        first, others = grid[: int(p.modes)], grid[int(p.modes) :]
+        kept = [mode for mode in first if mode.cost < least]
+        modes = [*seen, *self._refined(memory, kept), *(mode for mode in first if mode.cost >= least)]
+        points = np.array([in_world(at, mode) for mode in (*modes, *others)])
+        places = weighed((*modes, *others), points, p.mode_distance, p.least_mode)
         modes.sort(key=lambda mode: mode.cost)
         best = modes[0]
         here = in_world(at, best)
@@ -167,7 +170,7 @@ class ContactFusionLaw:
         weight = 0.0 if second is None else float(1.0 / (1.0 + np.exp(0.5 * min(second.cost - best.cost, 200.0))))
         anchors = [self._at_anchor(mode) for mode in seen]
         chosen = (self._forces.pair(memory, seen, anchors, best) if len(seen) > 1 else []) or [best]
-        return Fusion(chosen, second, weight, self._forces.forces(memory, chosen))
+        return Fusion(chosen, second, weight, self._forces.forces(memory, chosen), *places)
 
     def explains(self, memory: FusionMemory, fusion: Fusion) -> bool:
         """Whether the forces explain the newest residual, up to its noise and a small share of it."""
@@ -188,7 +191,7 @@ class ContactFusionLaw:
                 sigma = p.limb_sigma + 0.5 * entry.limb_gap
             _, normal = self._rounded.nearest_on(entry.link, anchor)
             prior = away**2 + entry.cost
-            modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, prior, anchor))
+            modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, prior, anchor, entry.limb))
         return self._refined(memory, modes)
 
     def _like(self, entry: Place, memory: FusionMemory) -> list[Array]:
@@ -206,7 +209,7 @@ class ContactFusionLaw:
         """Return the best candidates that lie apart from one another."""
         c, at = self.candidates, memory.frames[-1]
         x, a = kernels.pose_points(c.link, c.p_L, c.n_L, at.R_WL, at.p_WL)
-        chosen = kernels.best_apart(cost, x, int(self.params.modes), self.params.mode_distance)
+        chosen = kernels.best_apart(cost, x, int(self.params.modes), _SHOWN, self.params.mode_distance)
         modes = [
             Mode(int(c.link[i]), c.p_L[i], c.n_L[i], float(cost[i]), False, np.inf, prior=float(prior[i]))
             for i in chosen

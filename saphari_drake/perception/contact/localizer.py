@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
@@ -16,37 +15,18 @@ from saphari_drake.errors import ParameterError
 from saphari_drake.messages import CameraStatus, Immutable
 from saphari_drake.perception.camera.frames import DepthFrames, Instant, Samples, instant, sample_at
 from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.perception.contact.camera_memory import NOBODY, CameraMemory
 from saphari_drake.perception.contact.finding import ContactFinder, Found
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
-from saphari_drake.perception.contact.places import Place, PlaceFinder, View
+from saphari_drake.perception.contact.places import PlaceFinder, View
 from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_outputs
 
 Array = NDArray[np.float64]
 
-_NOBODY = np.zeros((0, 3))
 _WORST_LAST = (CameraStatus.OK, CameraStatus.WAITING, CameraStatus.INVALID, CameraStatus.STALE)
-_SIDE = 60  # pixels along the shorter side of an image that tell whether a frame is the last one again
-
-
-class _Camera(NamedTuple):
-    """What is known of one camera."""
-
-    arrived: float  # s, when the last frame arrived; before the first one, when the system started
-    stamp: float = -1.0  # s, when it was taken
-    status: CameraStatus = CameraStatus.WAITING
-    places: Sequence[Place] = ()
-    points: Array = _NOBODY  # (k, 3) m, of the person in the world
-    sample: Depth | None = None  # some pixels of the last frame (m)
-    repeats: int = 0  # frames since that were equal to it
-
-    def repeated(self, depth: Depth | None) -> tuple[Depth | None, int]:
-        """Return pixels of a new frame, and for how many frames they have been the same, bit for bit."""
-        step = 1 if depth is None else max(1, min(depth.shape) // _SIDE)
-        sample = None if depth is None else depth[::step, ::step].copy()
-        same = sample is not None and self.sample is not None and np.array_equal(sample, self.sample, equal_nan=True)
-        return sample, self.repeats + 1 if same else 0
+_STANDS = Value[RigidTransform](RigidTransform())
 
 
 @dataclass(frozen=True)
@@ -55,7 +35,7 @@ class _Memory(Immutable):
 
     postures: Samples = ()
     residuals: Samples = ()  # empty if no residual is connected
-    cameras: tuple[_Camera, ...] = ()
+    cameras: tuple[CameraMemory, ...] = ()
     stamp: float = -np.inf  # s, of the newest frame
     known: Found = ContactFinder.nothing
 
@@ -77,6 +57,7 @@ class ContactLocalizer(LeafSystem):
         - image_time
         - torque_external
         - torque_noise
+        - correction
         output_ports:
         - contact_point
         - camera_status
@@ -86,6 +67,7 @@ class ContactLocalizer(LeafSystem):
         - second_contact_force
         - other_mode
         - other_mode_weight
+        - contact_modes
 
     Ports
     -----
@@ -96,6 +78,8 @@ class ContactLocalizer(LeafSystem):
         that is not finite counts as none.
     torque_noise : n (Nm), optional, measured standard deviation of torque_external; counts where it is finite and above
         that of the parameters.
+    correction : abstract `RigidTransform`, optional, from `CameraCheck`: the camera's pose is ``correction @ X_WC``.
+        One a camera: with several, ``correction_0``, ``correction_1`` and so on.
     contact_point : abstract `ContactPoint`; its distance is zero where no camera sees the person there.
     camera_status : 1, the worst `CameraStatus` of all cameras, as a number.
     human_points : abstract (k, 3) array, points of the person in the world (m) in the last frames.
@@ -103,6 +87,7 @@ class ContactLocalizer(LeafSystem):
     contact_force, second_contact_force : 3 (N, world), of the person on the robot, inside the friction cone.
     other_mode : abstract `ContactPoint`, the best explanation at another place.
     other_mode_weight : 1, its probability against that of the contact (0–0.5): near 0.5 the contact is ambiguous.
+    contact_modes : abstract `ContactModes`, every place that has a probability of `least_mode` (5 %), with it.
 
     Every `period` posture and residual are remembered; when frames have arrived, those of the newest frame's own time
     stamp pose the robot. It and the static background are removed from the images, and the rest is explained as
@@ -164,6 +149,10 @@ class ContactLocalizer(LeafSystem):
         self._frames = DepthFrames(self, robot, cameras)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._noise = self.DeclareVectorInputPort("torque_noise", BasicVector(robot.n))
+        self._corrections = [
+            self.DeclareAbstractInputPort(f"correction_{k}" if len(cameras) > 1 else "correction", _STANDS)
+            for k in range(len(cameras))
+        ]
         nothing = _Memory()
         self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
@@ -175,7 +164,7 @@ class ContactLocalizer(LeafSystem):
         ports = {
             "contact_point": found.pop("contact_point"),
             "camera_status": lambda m: [float(m.status)],
-            "human_points": lambda m: np.concatenate([_NOBODY, *(camera.points for camera in m.cameras)]),
+            "human_points": lambda m: np.concatenate([NOBODY, *(camera.points for camera in m.cameras)]),
             **found,
         }
         declare_outputs(self, self._memory, self.abstract_state_ticket(self._state), nothing, ports)
@@ -189,7 +178,7 @@ class ContactLocalizer(LeafSystem):
             memory,
             postures=self._frames.remember(context, memory.postures, self._kept),
             residuals=self._with_residual(context, memory.residuals),
-            cameras=memory.cameras or (_Camera(now),) * len(self._finders),
+            cameras=memory.cameras or (CameraMemory(now),) * len(self._finders),
         )
         memory = self._with_frames(context, memory)
         if all(camera.status != CameraStatus.OK for camera in memory.cameras):
@@ -208,7 +197,7 @@ class ContactLocalizer(LeafSystem):
         stamps = self._frames.fresh(context, [camera.stamp for camera in cameras], self._params.memory)
         for k, camera in enumerate(cameras):
             if k not in stamps and now - camera.arrived > self._params.timeout + 1e-9:
-                cameras[k] = _Camera(camera.arrived, camera.stamp, CameraStatus.STALE)
+                cameras[k] = CameraMemory(camera.arrived, camera.stamp, CameraStatus.STALE)
         if not stamps:
             return replace(memory, cameras=tuple(cameras))
         newest = max(stamps.values())
@@ -217,9 +206,9 @@ class ContactLocalizer(LeafSystem):
             sample, repeats = cameras[k].repeated(self._frames.depth(context, k))
             frozen, view = 0 < self._params.frozen_frames <= repeats, self._look(context, k, at)
             status = CameraStatus.INVALID if view is None or not frozen else CameraStatus.STALE
-            cameras[k] = _Camera(now, stamp, status, sample=sample, repeats=repeats)
+            cameras[k] = CameraMemory(now, stamp, status, sample=sample, repeats=repeats)
             if view is not None and not frozen:
-                cameras[k] = _Camera(now, stamp, CameraStatus.OK, view.places, view.person.points, sample, repeats)
+                cameras[k] = CameraMemory(now, stamp, CameraStatus.OK, view.places, view.person.points, sample, repeats)
                 views.append(view)
         memory = replace(memory, cameras=tuple(cameras), stamp=newest)
         if not views:
@@ -241,5 +230,7 @@ class ContactLocalizer(LeafSystem):
         depth = self._frames.depth(context, k)
         if depth is None or not np.all(np.isfinite(at.p_WL)):
             return None
-        view = self._finders[k].look(depth, at.R_WL, at.p_WL, self._way.places)
+        finder, port = self._finders[k], self._corrections[k]
+        finder = finder.corrected(port.Eval(context)) if port.HasValue(context) else finder
+        view = finder.look(depth, at.R_WL, at.p_WL, self._way.places)
         return view if view.person.seen >= self._params.least_seen else None

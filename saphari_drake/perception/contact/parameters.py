@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.perception.segmentation.parameters import SegmentationParameters
@@ -117,39 +119,51 @@ class FusionParameters:
     # Distance between two modes (m, > 0), and number of grid modes that are refined (≥ 2).
     mode_distance: float = 0.05
     modes: int = 3
+    # Least probability of a place that is published (0–1).
+    least_mode: float = 0.05
     # Weight of a frame's residual when the next one arrives (0–1), and frames that are kept (≥ 1).
     memory: float = 0.9
     # Share of a force that is new with each frame (0–1).
     again: float = 0.2
     frames: int = 8
-    # Forces of two contacts: a usual one along the normal (N, ≥ 0), its deviations along and across it (N, > 0),
-    # and those of a frame's force from the mean of the last frames (N, > 0).
-    usual_force: float = 20.0
-    usual_along: float = 15.0
-    usual_across: float = 6.0
-    force_along: float = 4.0
-    force_across: float = 3.0
+    # Forces of two contacts: how large they may be (N, > 0), all sizes being equally likely in their logarithm, and how
+    # many between are weighed (≥ 2): from what is hardly felt to more than the quasi-static limits of ISO/TS 15066 for
+    # a hand. Deviations along and across the normal from a force of that size, over it (> 0): half the way to the next
+    # size, and that of a force anywhere in a cone of friction 0.5. The same of a frame's force from the mean of the
+    # last frames, over that: people hold a force within some 15 %.
+    least_force: float = 1.0
+    most_force: float = 200.0
+    force_sizes: int = 9
+    usual_along: float = 0.3
+    usual_across: float = 0.25
+    wander_along: float = 0.2
+    wander_across: float = 0.15
     # Two contacts are two places where the person is seen, so far apart (m, > 0), at both of which a force of this size
-    # (N, ≥ 0) comes out, and which explain the mean residual better than any one does by at least this cost (≥ 0).
+    # (N, ≥ 0) comes out. How much likelier it is that the person touches at both than at one alone (> 0).
     second_distance: float = 0.10
-    second_force: float = 3.0
-    second_cost: float = 0.0
+    second_force: float = 1.0
+    second_odds: float = 5.0
 
     def __post_init__(self) -> None:
         require_positive(
             self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near",
             "far",
             "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
-            "second_distance", "usual_along", "usual_across", "force_along", "force_across",
+            "second_distance", "usual_along", "usual_across", "wander_along", "wander_across",
+            "least_force", "force_sizes", "second_odds",
         )  # fmt: skip
         require_non_negative(
-            self, "width_share", "unseen_cost", "free_cost", "person_cost", "usual_force", "second_force",
-            "second_cost", "unexplained", "least_weight",
+            self, "width_share", "unseen_cost", "free_cost", "person_cost", "second_force",
+            "unexplained", "least_weight",
         )  # fmt: skip
-        for name in ("memory", "again", "ambiguous"):
+        for name in ("memory", "again", "ambiguous", "least_mode"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ParameterError(name, f"must lie in 0–1, got {getattr(self, name)}")
         if not 0.0 < self.rcond < 1.0:
             raise ParameterError("rcond", f"must lie between 0 and 1, got {self.rcond}")
+        if not self.least_force < self.most_force < np.inf:
+            raise ParameterError("most_force", f"must be finite and above least_force, got {self.most_force}")
+        if self.force_sizes < 2:
+            raise ParameterError("force_sizes", f"must be at least 2, got {self.force_sizes}")
         if self.free_to <= self.free_from:
             raise ParameterError("free_to", f"must be above free_from ({self.free_from} m), got {self.free_to}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 
 from saphari_drake.math.primitives import Primitives, nearest_surface_point
 from saphari_drake.perception.contact.limb import Limb, fit_limb, limb_contact, readings_around
@@ -125,6 +127,12 @@ class PlaceFinder:
         behind_the_view(shapes, link, p_C, extent, 1.5, 0.01, 0.02)
         away_from(readings, p_C, 0.1)
         limb_contact(shapes, fit_limb(readings_around(readings.point, p_C, 1.0, 40)), 0.003)
+
+    def corrected(self, X_correct: RigidTransform) -> PlaceFinder:
+        """Return this finder with its camera's pose corrected, see `RobotFilter.corrected`."""
+        other = copy(self)
+        other.camera = self.camera.corrected(X_correct)
+        return other
 
     def look(self, depth: Depth, R_WL: Array, p_WL: Array, count: int = 1, apart: float = 0.12) -> View:
         """Find up to `count` places where the person is near the robot, nearest first.

@@ -1,6 +1,7 @@
 """Evidence, memory and result of the contact fusion."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,25 @@ from saphari_drake.perception.contact.pointing import Ray
 from saphari_drake.perception.contact.refinement import Window
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactModes(Immutable):
+    """All places where a contact may be.
+
+    Attributes
+    ----------
+    contacts : tuple of ContactPoint
+        Likeliest first.
+    weights : (k,) array
+        Their probabilities, ≤ 1 together.
+    stamp : float
+        Time at which the image was taken (s).
+    """
+
+    contacts: tuple[ContactPoint, ...] = ()
+    weights: Array = field(default_factory=lambda: np.zeros(0))
+    stamp: float = -np.inf
 
 
 class Evidence(NamedTuple):
@@ -67,6 +87,7 @@ class Mode(NamedTuple):
     sigma: float = np.inf  # m, deviation of the point that a camera sees
     prior: float = 0.0  # part of the cost that the cameras alone decide
     anchor: Array | None = None  # (3,) m, the point that the cameras see, in the link's frame
+    limb: bool = False  # whether what a camera sees there is explained as a limb
     ray: Array = np.zeros(3)  # (3,) unit in the link's frame; only deviations across it count. Zero: all
 
 
@@ -83,12 +104,22 @@ class Fusion(NamedTuple):
         Its probability against that of the contact (0–0.5).
     forces : (k, 3) array
         Force of the person on the robot at each contact (N, world).
+    places : sequence of Mode
+        All places whose probability is worth a word, likeliest first.
+    weights : (m,) array
+        Their probabilities, ≤ 1 together.
     """
 
     modes: list[Mode]
     second: Mode | None
     second_weight: float
     forces: Array
+    places: Sequence[Mode] = ()
+    weights: Array = np.zeros(0)
+
+    def all_modes(self, stamp: float) -> ContactModes:
+        """Return all places and their weights at a time (s) as a message."""
+        return ContactModes(tuple(contact_point(mode, stamp) for mode in self.places), self.weights, stamp)
 
     def contact(self, k: int, stamp: float) -> ContactPoint:
         """Return contact `k` at a time (s), not found if there is none."""
@@ -107,3 +138,22 @@ def contact_point(mode: Mode | None, stamp: float) -> ContactPoint:
     if mode is None:
         return ContactPoint(stamp=stamp)
     return ContactPoint(True, mode.link, mode.p_L, mode.n_L, mode.distance, stamp)
+
+
+def weighed(modes: Sequence[Mode], p: Array, apart: float, least: float) -> tuple[list[Mode], Array]:
+    """Return the places of modes at points p (m, 3) whose probability is at least `least` (0–1), and these (k,).
+
+    A mode that lies within `apart` (m) of a likelier one is the same place and adds its probability to it.
+    """
+    cost = np.array([mode.cost for mode in modes])
+    share = np.exp(-0.5 * (cost - cost.min()))
+    share /= share.sum()
+    leaders: list[int] = []
+    total = np.zeros(len(modes))
+    for i in np.argsort(cost, kind="stable"):
+        near = next((j for j in leaders if np.linalg.norm(p[i] - p[j]) < apart), int(i))
+        total[near] += share[i]
+        if near == i:
+            leaders.append(int(i))
+    leaders = sorted((i for i in leaders if total[i] >= least), key=lambda i: -total[i])
+    return [modes[i] for i in leaders], total[leaders]

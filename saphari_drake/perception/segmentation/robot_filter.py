@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -67,8 +68,8 @@ class RobotFilter:
         if shapes.count > 127:
             raise ParameterError("robot", f"at most 127 collision shapes are supported, got {shapes.count}")
         self.shapes, self.tuning, self.pinhole = shapes, params.tuning, pinhole(camera)
-        X_WC = camera_pose(camera) if X_WC is None else X_WC
-        self.R_WC, self.p_WC = np.ascontiguousarray(X_WC.rotation().matrix()), np.array(X_WC.translation())
+        self._X_WC = camera_pose(camera) if X_WC is None else X_WC
+        self._stands_at(self._X_WC)
         limit = np.full(size, np.inf)
         margin = params.background_margin * params.scale(background)
         np.subtract(background, margin, out=limit, where=np.isfinite(background))
@@ -76,6 +77,15 @@ class RobotFilter:
         self._bounds = bounding_capsules(shapes.kind, shapes.size)
         links = shapes.link.max(initial=0) + 1
         self.person(np.zeros(size, np.float32), np.tile(np.eye(3), (links, 1, 1)), np.zeros((links, 3)))  # compiles
+
+    def _stands_at(self, X_WC: RigidTransform) -> None:
+        self.R_WC, self.p_WC = np.ascontiguousarray(X_WC.rotation().matrix()), np.array(X_WC.translation())
+
+    def corrected(self, X_correct: RigidTransform) -> RobotFilter:
+        """Return this filter with its camera at ``X_correct @ X_WC``, X_WC being where it was taken to be at first."""
+        other = copy(self)
+        other._stands_at(X_correct @ self._X_WC)
+        return other
 
     def measured(
         self, depth: Depth, R_WL: Array, p_WL: Array, tuning: Tuning

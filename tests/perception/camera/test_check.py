@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from saphari_drake.errors import ParameterError, StateError
 from saphari_drake.math.rotations import axis_rotation
-from saphari_drake.perception.camera.check import CameraCheckParameters, CheckStatus, check_camera
+from saphari_drake.perception.camera.check import check_camera
+from saphari_drake.perception.camera.check_parameters import CameraCheckParameters, CheckStatus
 from saphari_drake.perception.camera.model import CameraParameters, camera_pose
 
 
@@ -57,6 +58,33 @@ def test_ten_millimetres_and_a_degree_are_recovered(lwr4, frames, seed):
 def test_one_posture_warns(lwr4, frames):
     check = check_camera(lwr4, CameraParameters(), frames[0][:1], frames[1][:1], X_WC=displaced(0.02, 0.0, 3))
     assert check.status == CheckStatus.WARNING
+
+
+def test_error_lies_within_three_deviations_of_its_covariance(lwr4, frames):
+    """Of the whole pose, in the mean over random displacements, also after one posture that shows it in part."""
+    squares = []
+    for seed in range(6):
+        X_WC, some = displaced(0.005, 0.3, seed), [seed]
+        for used in (some, range(8)):
+            check = check_camera(
+                lwr4, CameraParameters(), [frames[0][i] for i in used], [frames[1][i] for i in used], X_WC=X_WC
+            )
+            left = check.X_correct @ X_WC
+            true = camera_pose(CameraParameters())
+            turn = (true.rotation() @ left.rotation().inverse()).ToAngleAxis()
+            error = np.concatenate([turn.angle() * turn.axis(), true.translation() - left.translation()])
+            squares.append(error @ np.linalg.solve(check.covariance, error) / 6.0)
+    assert np.mean(squares) < 9.0
+
+
+def test_directions_that_are_not_seen_stay(lwr4, frames):
+    """A turn and a shift that a single posture cannot tell apart are not made up; two robots' worth of them are."""
+    one = check_camera(lwr4, CameraParameters(), frames[0][:1], frames[1][:1])
+    all_ = check_camera(lwr4, CameraParameters(), *frames)
+    assert one.observable < 6
+    assert all_.observable == 6
+    value, _ = np.linalg.eigh(one.covariance)
+    assert value.max() > 0.2 * CameraCheckParameters().shift_prior ** 2
 
 
 def test_robot_out_of_view_is_unknown(lwr4):

@@ -210,7 +210,7 @@ def seen_touch(scenes, law, seed):
     while True:
         touch = scenes.draw(rng, int(rng.integers(3, 6)), "finger")
         image = scenes.images([touch], touch.q)[0]
-        if scenes.visible(image, 0, touch, touch.q):
+        if scenes.visible(image, 0, touch):
             terms = scenes.poses(touch.q)
             F = terms.R_WL[touch.link] @ wandering_forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, touched(terms, touch.link, touch.p_L, F)

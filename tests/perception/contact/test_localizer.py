@@ -12,13 +12,14 @@ from experiments.localization.parameters import SceneParameters
 from experiments.localization.pushes import wandering_forces
 from experiments.localization.scenes import ContactScenes
 from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ImageDepth32F
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import CameraStatus, ContactPoint
-from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.perception.camera.model import CameraParameters, camera_pose
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.robots.dynamics import evaluate_dynamics
@@ -372,7 +373,7 @@ def seen_touch(scenes, seed):
     while True:
         touch = scenes.draw(rng, int(rng.integers(3, 6)), "finger")
         image = scenes.images([touch], touch.q)[0]
-        if scenes.visible(image, 0, touch, touch.q):
+        if scenes.visible(image, 0, touch):
             terms = scenes.poses(touch.q)
             F = terms.R_WL[touch.link] @ wandering_forces(rng, touch, 1, scenes.params)[0]
             return touch, image, terms, F, terms.point(touch.link, touch.p_L).Jv_WC.T @ F
@@ -387,6 +388,27 @@ def frame(image):
     value = ImageDepth32F(640, 480)
     value.mutable_data[..., 0] = image
     return value
+
+
+def test_correction_of_the_camera_s_pose_moves_the_contact_by_as_much(scenes, lwr4):
+    """A camera that is taken to be beside its place, and corrected, finds what one in its place does."""
+    touch, image, _, _, r = seen_touch(scenes, 3)
+    away = RigidTransform([0.0, 0.012, 0.0])
+    found = []
+    for pose, X_correct in ((RigidTransform(), None), (away, away.inverse()), (away, None)):
+        X_WC = pose @ camera_pose(CameraParameters())
+        fusion = FusionParameters(torque_sigma=0.05)
+        system = ContactLocalizer(lwr4, [CameraParameters()], poses=[X_WC], fusion=fusion)
+        bench = SystemBench(
+            system, position_measured=touch.q, torque_external=r, depth_image=frame(image), image_time=0.0
+        )
+        if X_correct is not None:
+            bench.set(correction=X_correct)
+        bench.run(2)
+        found.append(bench.read("contact_point"))
+    true, corrected, plain = found
+    np.testing.assert_allclose(corrected.p_LC, true.p_LC, atol=1e-6)
+    assert plain.link != true.link or np.linalg.norm(plain.p_LC - true.p_LC) > 0.003
 
 
 def test_fusion_finds_holds_and_clones(system, scenes):
@@ -429,7 +451,7 @@ def hidden_touch(scenes, seed):
     while True:
         touch = scenes.draw(rng, 5, "finger")
         image = scenes.images([touch], touch.q)[0]
-        if not scenes.visible(image, 0, touch, touch.q):
+        if not scenes.visible(image, 0, touch):
             terms = scenes.poses(touch.q)
             F = terms.R_WL[touch.link] @ (25.0 * -touch.n_L)
             return touch, image, terms.point(touch.link, touch.p_L).Jv_WC.T @ F

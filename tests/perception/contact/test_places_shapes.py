@@ -33,7 +33,7 @@ def seen_touches(scenes, finder, kind):
         rng = np.random.default_rng([drawn, 5])
         touch = scenes.draw(rng, 2 + drawn % 4, kind)
         image, drawn = scenes.images([touch], touch.q)[0], drawn + 1
-        if scenes.visible(image, 0, touch, touch.q):
+        if scenes.visible(image, 0, touch):
             terms = scenes.poses(touch.q)
             seen = finder.look(scenes.noisy(image, 0, rng), terms.R_WL, terms.p_WL).places
             true = terms.p_WL[touch.link] + terms.R_WL[touch.link] @ touch.p_L
