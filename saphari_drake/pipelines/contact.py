@@ -45,7 +45,9 @@ class ContactPipelineParameters:
     observer: MomentumObserverParameters = field(default_factory=lambda: MomentumObserverParameters(velocity_delay=0.5))
     # What the robot's model may lack; learned while nobody touches.
     model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
-    detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
+    detector: ContactDetectorParameters = field(
+        default_factory=lambda: ContactDetectorParameters(smoothed_threshold=0.5)
+    )
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
     # What finds hidden contacts. The residual's noise is measured; the cone is wide, as fingers hook at edges and the
     # cover's normals are not those of the model.
@@ -211,9 +213,10 @@ def add_contact_pipeline(
 def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDetectorParameters:
     """Return the detector's parameters, with thresholds above what the friction may be wrong by."""
     friction, n = params.observer.friction, robot.n
-    own = diagonal(params.detector.threshold, n, "threshold")
-    threshold = own + friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
-    return replace(params.detector, threshold=threshold.tolist())
+    wrong = friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
+    own = diagonal(params.detector.threshold, n, "threshold") + wrong
+    smoothed = params.detector.smoothed_threshold + wrong
+    return replace(params.detector, threshold=own.tolist(), smoothed_threshold=smoothed.tolist())
 
 
 def _model_error(robot: RobotModel, params: ContactPipelineParameters) -> ModelErrorParameters:

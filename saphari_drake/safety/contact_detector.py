@@ -12,6 +12,7 @@ from saphari_drake.parameters import diagonal, require_non_negative, require_pos
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
+MEAN_TIME = 0.5  # s, of the mean about which noise is measured. Assumed
 
 
 @dataclass
@@ -24,6 +25,11 @@ class ContactDetectorParameters:
     noise: list[float] | float = 0.0
     # The threshold is at least this many standard deviations of the noise.
     noise_multiple: float = 5.0
+    # Nm, one for all joints or one a joint; the residual smoothed over `smoothing_time` (s) above it is a contact too,
+    # and above `noise_multiple` deviations of its own, measured over `noise_time` (s). Infinite: none. Assumed.
+    smoothed_threshold: list[float] | float = np.inf
+    smoothing_time: float = 0.015
+    noise_time: float = 2.0
     # Share of the threshold below which every |r_i| must stay for a release.
     release_ratio: float = 0.5
     # s; how long it must stay there.
@@ -36,7 +42,9 @@ class ContactDetectorParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_positive(self, "threshold", "noise_multiple", "drop_time", "period")
+        require_positive(self, "threshold", "noise_multiple", "smoothing_time", "noise_time", "drop_time", "period")
+        if not np.all(np.asarray(self.smoothed_threshold, dtype=float) > 0.0):
+            raise ParameterError("smoothed_threshold", f"must be positive, got {self.smoothed_threshold}")
         require_non_negative(self, "noise", "release_time", "drop_share")
         if not 0.0 < self.release_ratio < 1.0:
             raise ParameterError("release_ratio", f"must lie between 0 and 1, got {self.release_ratio}")
@@ -68,8 +76,12 @@ class ContactDetector(LeafSystem):
     torque_uncertainty : n (Nm), of `ModelErrorEstimator`, by which the threshold is higher; optional, default: zero.
     torque_noise : n (Nm), measured standard deviation of the residual; optional, counts if above the parameter.
     contact : 1, 1 while touched, else 0.
-    ratio : 1, the largest |r_i| over its threshold; not finite while an input is not.
+    ratio : 1, the largest |r_i| over its threshold, or of the smoothed residual; not finite while an input is not.
     system_status : 1, a `SystemStatus`.
+
+    A weak touch shows late in a residual with the noise of differentiated encoders, whose samples alternate: a short
+    average loses most of it (an EWMA chart, Roberts, Technometrics 1959). Its deviation is measured about a slower mean
+    while nobody touches.
 
     Touched as soon as the ratio reaches 1, without delay, and while the residual is not a number; released after it has
     stayed below the release ratio, or dropped, for the release time. The residual's size is the trigger;
@@ -85,23 +97,38 @@ class ContactDetector(LeafSystem):
             self.DeclareVectorInputPort(name, BasicVector(num_joints))
             for name in ("torque_external", "torque_uncertainty", "torque_noise")
         )
-        # Time left until release (s), 0 when not touched, and the largest ratio of late, which fades.
-        self._remaining = self.DeclareDiscreteState(2)
+        given = np.broadcast_to(np.asarray(params.smoothed_threshold, dtype=float), num_joints)
+        self._smoothed_threshold, self._n = given.copy(), num_joints
+        times = np.array([params.smoothing_time, MEAN_TIME, params.noise_time])
+        self._shares = -np.expm1(-params.period / times)
+        # Time left until release (s), 0 when not touched, and the largest ratio of late, which fades; the smoothed
+        # residual, its slower mean, and its variance about that.
+        calm = (given / params.noise_multiple) ** 2
+        start = np.concatenate([np.zeros(2 + 2 * num_joints), np.where(np.isfinite(calm), calm, 0.0)])
+        self._remaining = self.DeclareDiscreteState(start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
-        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self.all_input_ports_ticket()})
+        state = self.discrete_state_ticket(self._remaining)
+        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self.all_input_ports_ticket(), state})
         readouts = {"ratio": (1, lambda ratio: [ratio]), "system_status": (1, lambda ratio: [status_of(ratio)])}
         declare_readouts(self, self._ratio, readouts)
-        tickets = {self._ratio.ticket(), self.discrete_state_ticket(self._remaining)}
+        tickets = {self._ratio.ticket(), state}
         touched = declare_cache(self, "touched", False, self._touched, tickets)
         declare_readouts(self, touched, {"contact": (1, lambda touched: [float(touched)])})
 
     def _largest(self, context: Context) -> float:
-        threshold = self._threshold
+        threshold, multiple = self._threshold, self._params.noise_multiple
         if self._noise.HasValue(context):
-            threshold = np.maximum(threshold, self._params.noise_multiple * self._noise.Eval(context))
-        if self._uncertainty.HasValue(context):
-            threshold = threshold + self._uncertainty.Eval(context)
-        return float(np.max(np.abs(self._torque.Eval(context)) / threshold))
+            threshold = np.maximum(threshold, multiple * self._noise.Eval(context))
+        unsure = self._uncertainty.Eval(context) if self._uncertainty.HasValue(context) else 0.0
+        r = self._torque.Eval(context)
+        smoothed, _, variance = self._calm(context)
+        smoothed = smoothed + self._shares[0] * (r - smoothed)
+        calm = np.maximum(self._smoothed_threshold, multiple * np.sqrt(variance))
+        return float(np.max(np.abs([r / (threshold + unsure), smoothed / (calm + unsure)])))
+
+    def _calm(self, context: Context) -> Array:
+        """Return the smoothed residual, its slower mean, and its variance about that (3, n)."""
+        return np.array(context.get_discrete_state(self._remaining).value()[2:]).reshape(3, self._n)
 
     def _touched(self, context: Context) -> bool:
         # Not "ratio >= 1": a residual that is lost (NaN) is no proof that nobody touches.
@@ -109,7 +136,7 @@ class ContactDetector(LeafSystem):
 
     def _update(self, context: Context, state: State) -> None:
         params, ratio = self._params, self._ratio.Eval(context)
-        remaining, largest = context.get_discrete_state(self._remaining).value()
+        remaining, largest = context.get_discrete_state(self._remaining).value()[:2]
         released = ratio < max(params.release_ratio, min(params.drop_share * largest, 1.0))
         if not ratio < 1.0 or (remaining > 0.0 and not released):
             remaining = max(params.release_time, params.period)
@@ -117,4 +144,16 @@ class ContactDetector(LeafSystem):
             remaining = max(0.0, remaining - params.period)
         faded = largest * float(np.exp(-params.period / params.drop_time))
         largest = max(ratio, faded) if np.isfinite(ratio) else faded
-        state.get_mutable_discrete_state(self._remaining).SetFromVector([remaining, largest])
+        following = np.concatenate([[remaining, largest], self._following(context, remaining > 0.0).ravel()])
+        state.get_mutable_discrete_state(self._remaining).SetFromVector(following)
+
+    def _following(self, context: Context, touched: bool) -> Array:
+        """Return what `_calm` returns a period later; a residual that is not finite is forgotten."""
+        r, (smoothed, mean, variance) = self._torque.Eval(context), self._calm(context)
+        if not np.isfinite(r).all():
+            return np.array([0.0 * mean, 0.0 * mean, variance])
+        smoothed = smoothed + self._shares[0] * (r - smoothed)
+        if not touched:
+            variance = variance + self._shares[2] * ((smoothed - mean) ** 2 - variance)
+            mean = mean + self._shares[1] * (smoothed - mean)
+        return np.array([smoothed, mean, variance])

@@ -172,3 +172,43 @@ def test_a_residual_that_drops_is_released_above_the_release_level():
     bench.run(10)
     bench.run(20, torque_external=joint(0.8))
     assert bench.read("contact") == 0.0
+
+
+def test_a_weak_touch_shows_in_the_smoothed_residual_of_coarse_encoders():
+    """Noise that alternates, as of differentiated encoders: no contact without touch, a weak one within five cycles."""
+    rng = np.random.default_rng(0)
+    steps = rng.uniform(-1.0, 1.0, (2001, 7))
+    noise = 0.8 * np.diff(steps, axis=0)  # Nm; it hides the touch from single samples
+    sigma = residual_noise(noise)
+    bench, plain = (detector(noise=list(sigma), smoothed_threshold=value) for value in (0.5, np.inf))
+    for r in noise[:-40]:
+        bench.set(torque_external=r)
+        assert bench.read("contact") == 0.0
+        bench.run()
+    cycles = 0
+    for r in noise[-40:]:
+        bench.set(torque_external=r + joint(1.2))
+        if bench.read("contact") == 1.0:
+            break
+        bench.run()
+        cycles += 1
+    assert cycles < 6
+    plain.run(6, torque_external=noise[-2] + joint(1.2))
+    plain.set(torque_external=noise[-1] + joint(1.2))
+    assert plain.read("contact") == 0.0
+
+
+def test_noise_of_the_smoothed_residual_raises_its_threshold_but_a_steady_lean_does_not():
+    rng = np.random.default_rng(1)
+    loud, leaning = detector(smoothed_threshold=0.5, threshold=10.0), detector(smoothed_threshold=0.5, threshold=10.0)
+    for _ in range(2000):
+        loud.run(torque_external=joint(0.5 * rng.normal()))
+        leaning.run(torque_external=joint(0.3))
+    for bench, contact in ((loud, 0.0), (leaning, 1.0)):
+        bench.run(20, torque_external=joint(0.6))
+        assert bench.read("contact") == contact
+
+
+def test_bad_smoothed_threshold():
+    with pytest.raises(ParameterError, match="smoothed_threshold"):
+        ContactDetectorParameters(smoothed_threshold=0.0)

@@ -29,7 +29,7 @@ class RandomTouchParameters:
     # deg; largest deviation of each joint from the scenario's posture, and of the push from the surface's normal.
     posture: float = 40.0
     tilt: float = 45.0
-    # deg; least distance of each joint from its stops: an arm that rests on one is held there, as a whole.
+    # deg; least distance of each joint from its stops: a joint that rests on one is held there.
     stops: float = 5.0
     # N; the person pushes with so much. m; radius of the finger.
     force: list[float] = field(default_factory=lambda: [12.0, 35.0])

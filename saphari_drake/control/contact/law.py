@@ -39,6 +39,7 @@ class ImpedanceGains(NamedTuple):
     misfit_lever: float  # m
     max_effective_mass: float  # kg
     least_effective_mass: float = 0.0  # kg
+    least_damping: float = 0.0  # ratio
 
 
 def eased(Lambda: Array, K: Array, least: float) -> Array:
@@ -56,6 +57,20 @@ def eased(Lambda: Array, K: Array, least: float) -> Array:
     return np.asarray(S @ K @ S)
 
 
+def damped(Lambda: Array, K_p: Array, K_d: Array, ratio: float) -> Array:
+    """Return a damping (3, 3) that reaches at least `ratio` along each principal direction of Λ (3, 3).
+
+    Where a contact is heavy, as near a singularity, K_d alone lets it swing: ζ = K_d/(2 √(K_p Λ)). Along the unit
+    eigenvectors u of Λ with eigenvalue m, uᵀK_d u is raised to 2 ratio √(uᵀK_p u m); what is larger stays.
+    """
+    if ratio == 0.0:
+        return K_d
+    mass, U = symmetric_eigen(Lambda)
+    stiffness, given = ((U * (K @ U)).sum(axis=0) for K in (K_p, K_d))
+    missing = np.maximum(2.0 * ratio * np.sqrt(stiffness * np.maximum(mass, 0.0)) - given, 0.0)
+    return np.asarray(K_d + (U * missing) @ U.T)
+
+
 def contact_impedance_torque(
     terms: DynamicsTerms,
     point: PointKinematics,
@@ -67,7 +82,8 @@ def contact_impedance_torque(
 ) -> TorqueTerms:
     """Return the torque of the contact impedance, eq. (61), with the misfit compensated.
 
-    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N.
+    Closed loop, for an exact force estimate: M_d ẍ + K_d ẋ + K_p (x − x_d) = F, and self-motion damped by K_N; with the
+    natural inertia the gains are those of `damped` and `eased`.
     With M J_M^# = J_cᵀ Λ the force enters as J_cᵀ(Λ M_d⁻¹ − I) F̂, which is zero for the natural inertia M_d = Λ (57).
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
 
@@ -95,6 +111,7 @@ def contact_impedance_torque(
     Lambda, _, P_c = consistent_inverse(J, terms.M, gains.max_effective_mass)
     K_p, K_d = gains.K_p, gains.K_d
     if gains.M_d_inv is None:
+        K_d = damped(Lambda, K_p, K_d, gains.least_damping)
         K_p, K_d = (eased(Lambda, K, gains.least_effective_mass) for K in (K_p, K_d))
     spring = K_p @ (p_desired - point.p_WC) - K_d @ point.v_WC
     if gains.M_d_inv is None:

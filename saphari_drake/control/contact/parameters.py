@@ -33,6 +33,12 @@ class ContactImpedanceParameters:
     friction_share: float = 0.9
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
+    # kg, the same with the natural inertia, which is not shaped: a contact that is heavier moves by self-motion, and
+    # K_N damps that. Assumed.
+    max_natural_mass: float = 1000.0
+    # The natural inertia's damping ratio is at least this in all directions: K_d alone lets a heavy contact swing for
+    # seconds. 0: K_d as published. Assumed.
+    least_damping: float = 0.7
     # kg; the natural inertia's gains fall with the effective mass of the contact where it is lighter, as a wrist can
     # be: K_d over it stays below half of 1/period. Assumed.
     least_effective_mass: float = 0.8
@@ -41,6 +47,8 @@ class ContactImpedanceParameters:
 
     def __post_init__(self) -> None:
         _check_gains(self, "K_p", "K_d")
+        require_non_negative(self, "least_damping")
+        require_positive(self, "max_natural_mass")
 
 
 @dataclass

@@ -166,7 +166,8 @@ class ContactImpedanceController(ContactController):
         params = params or ContactImpedanceParameters()
         super().__init__(robot, params, {"position_error": (3, lambda o: o.error)})
         K_p, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_p", "K_d"))
-        masses = params.misfit_lever, params.max_effective_mass, params.least_effective_mass
+        heaviest = params.max_natural_mass if self._M_d_inv is None else params.max_effective_mass
+        masses = params.misfit_lever, heaviest, params.least_effective_mass, params.least_damping
         self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, *masses)
 
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:

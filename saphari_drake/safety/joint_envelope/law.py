@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, cholesky, solve_lower, solve_upper
 from saphari_drake.safety.joint_envelope.nearest import nearest
-from saphari_drake.safety.joint_envelope.stopping import acceleration_bounds, fastest, speed_bound, stop_position
+from saphari_drake.safety.joint_envelope.stopping import (
+    acceleration_bounds,
+    fastest,
+    kept_bounds,
+    speed_bound,
+    stop_position,
+)
 
 Array = NDArray[np.float64]
 
@@ -60,8 +66,13 @@ def limited_torque(envelope, motion, command):
     Guarantee: with M, C, g and τ_ext exact, |τ_ext| within the share kept for a push, and rates of τ_ext and of C q̇ + g
     within the reserve, a state from which a stop exists leads to another one: to lower each acceleration with the sure
     jerk to the sure deceleration is always among the torques allowed. (Del Prete, RA-L 2018, for accelerations without
-    jerk; a limited rate of torque adds the jerk.) Where that fails, status BRAKING: the torque nearest to that of a
-    stop, within size and rate. The bound of the energy holds by its reserve: evidence from trials, no proof.
+    jerk; a limited rate of torque adds the jerk.) The bound of the energy holds by its reserve: evidence from trials,
+    no proof.
+
+    Where no torque keeps all bounds, positions are bounded by `kept_bounds`: a joint that is measured on its limit, or
+    a little beyond, is held and brought back alone. In the metric of M⁻¹ the bound of a joint changes the torque of
+    that joint only, unless a torque is at a limit of its own. If that is not possible either, status BRAKING: the
+    torque nearest to that of a stop, within size and rate.
     """
     e, v, n = envelope, motion.v, len(motion.q)
     M_inv, offset = _inverse(motion.M), motion.h - motion.tau_ext
@@ -76,6 +87,10 @@ def limited_torque(envelope, motion, command):
         high[n + i] = min(e.tau_max[i], before + step) - offset[i]
     a, stop, active = np.empty(n), np.empty(n), np.zeros(2 * n, dtype=np.int64)
     found = nearest(M_inv, wish, C, low, high, a, active)
+    if not found:
+        A, J, J_full = e.deceleration, e.jerk, e.jerk_full
+        kept_bounds(motion.q, v, now, e.q_min, e.q_max, e.margin, e.v_max, A, J, J_full, e.period, low, high)
+        found = nearest(M_inv, wish, C, low, high, a, active)
     status, joint = _most_urgent(e, v, offset, high, low, active)
     fast = found and _led_energy(e, motion.M, v, a) > e.energy
     if not found or fast:

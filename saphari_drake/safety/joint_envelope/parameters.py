@@ -84,11 +84,13 @@ class Envelope(NamedTuple):
 
     q_min: Array  # rad or m
     q_max: Array
+    margin: float  # rad or m, from there to the limits of the robot
     v_max: Array  # rad/s or m/s
     tau_max: Array  # Nm or N
     tau_rate: Array  # Nm/s or N/s
     deceleration: Array  # rad/s² or m/s², of a stop that is surely possible
     jerk: Array  # rad/s³ or m/s³, with which it surely begins
+    jerk_full: Array  # rad/s³ or m/s³, with which it begins where nothing else takes its share of the torque's rate
     energy: float  # J, less the reserve
     period: float  # s
 
@@ -124,11 +126,13 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
     return Envelope(
         robot.q_min + params.position_margin,
         robot.q_max - params.position_margin,
+        params.position_margin,
         (1.0 - params.speed_margin) * robot.v_max,
         robot.tau_max,
         rate,
         deceleration,
         jerk,
+        jerk / (1.0 - params.rate_reserve),
         (1.0 - params.energy_reserve) * params.kinetic_energy,
         params.period,
     )

@@ -7,6 +7,8 @@ import numpy as np
 from saphari_drake.compiled import njit
 
 _HALVINGS = 40
+RETURN_TIME = 0.1  # s, time constant with which a joint outside its limits is asked to come back. Assumed
+RETURN_SPEED = 0.1  # share of the velocity limit at which it comes back at most. Assumed
 
 
 @njit(cache=True)
@@ -83,6 +85,29 @@ def largest_acceleration(q, v, q_max, v_max, A, J, T):
 
 
 @njit(cache=True)
+def kept_acceleration(q, v, a, q_max, margin, v_max, A, J, J_full, T):
+    """Return `largest_acceleration`, with a position limit that noise or a wrong model does not make impossible.
+
+    The fullest stop lowers the acceleration a of now with jerk J_full to −A. As long as it ends before q_max, the limit
+    is kept. Where it ends within the margin (rad or m) beyond, as from a measured position on the limit, or where the
+    joint is beyond the margin already, the joint may go no farther outward and comes back with `RETURN_TIME`, at most
+    as hard as by that stop. In between the limit is q_max + margin.
+    """
+    fullest = max(a - J_full * T, -A)
+    end = _stops_at(q, v, fullest, A, J, T)
+    if end <= q_max:
+        return largest_acceleration(q, v, q_max, v_max, A, J, T)
+    if q < q_max + margin < end:
+        return largest_acceleration(q, v, q_max + margin, v_max, A, J, T)
+    inward = min(max(q - q_max, 0.0) / RETURN_TIME, RETURN_SPEED * v_max)
+    if v <= -inward:
+        back = speed_bound(v, -inward, J, T)
+    else:
+        back = min(-v / T, -speed_bound(-v, inward, J, T))
+    return min(max(fullest, back), speed_bound(v, v_max, J, T))
+
+
+@njit(cache=True)
 def _stops_at(q, v, a, A, J, T):
     """Return the largest position of a joint that keeps a for the next period, and then stops."""
     stopped = q + v * T + 0.5 * a * T * T + stop_position(v + a * T, a, A, J, T)
@@ -95,3 +120,11 @@ def acceleration_bounds(q, v, q_min, q_max, v_max, A, J, T, low, high):
     for i in range(len(q)):
         high[i] = largest_acceleration(q[i], v[i], q_max[i], v_max[i], A[i], J[i], T)
         low[i] = -largest_acceleration(-q[i], -v[i], -q_min[i], v_max[i], A[i], J[i], T)
+
+
+@njit(cache=True)
+def kept_bounds(q, v, a, q_min, q_max, margin, v_max, A, J, J_full, T, low, high):
+    """Write the bounds (n,) of the accelerations in the next period by `kept_acceleration`, with a (n,) of now."""
+    for i in range(len(q)):
+        high[i] = kept_acceleration(q[i], v[i], a[i], q_max[i], margin, v_max[i], A[i], J[i], J_full[i], T)
+        low[i] = -kept_acceleration(-q[i], -v[i], -a[i], -q_min[i], margin, v_max[i], A[i], J[i], J_full[i], T)

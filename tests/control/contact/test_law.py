@@ -9,6 +9,7 @@ from saphari_drake.control.contact.law import (
     ImpedanceGains,
     contact_force_torque,
     contact_impedance_torque,
+    damped,
     observable_part,
 )
 from saphari_drake.control.contact.law import eased as eased_gain
@@ -330,3 +331,19 @@ def test_gains_of_a_light_contact_fall_with_its_mass():
     eased = eased_gain(light, 80.0 * np.eye(3), 0.8)
     np.testing.assert_allclose(np.linalg.eigvalsh(eased), [20.0, 80.0, 80.0])
     assert np.max(np.abs(np.linalg.eigvals(np.linalg.solve(light, eased)))) <= 100.0 + 1e-9
+
+
+def test_no_direction_of_a_heavy_contact_swings():
+    """Damping ratio of the closed loop Λ ẍ + D ẋ + K x = 0: at least the one asked for, and K_d where that is more."""
+    rng = np.random.default_rng(1)
+    K_p, K_d = 500.0 * np.eye(3), 80.0 * np.eye(3)
+    for _ in range(50):
+        U = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        mass = 10.0 ** rng.uniform(0.0, 2.5, 3)
+        Lambda = (U * mass) @ U.T
+        D = damped(Lambda, K_p, K_d, 0.7)
+        ratio = np.diag(U.T @ D @ U) / (2.0 * np.sqrt(500.0 * mass))
+        assert np.all(ratio >= 0.7 * (1.0 - 1e-9))
+        given = 80.0 / (2.0 * np.sqrt(500.0 * mass))
+        np.testing.assert_allclose(ratio, np.maximum(given, 0.7))
+    np.testing.assert_array_equal(damped(Lambda, K_p, K_d, 0.0), K_d)

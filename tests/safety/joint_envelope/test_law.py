@@ -10,6 +10,7 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.joint_envelope.law import EnvelopeStatus, Motion, limited_torque, predicted
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters, envelope_of
 
+STEP = 1.0e-5  # rad, of the encoders
 COMMANDS = ("noise", "constant", "nothing", "switching")
 
 
@@ -137,3 +138,66 @@ def test_torques_that_wait_move_the_robot_until_the_next_one_acts(lwr4, delay, a
     np.testing.assert_allclose(found.q, terms.q + T * speeds.sum(axis=0), atol=1e-12)
     np.testing.assert_allclose(found.v, speeds[-1] if delay else terms.v + age * T * a[-1], rtol=1e-9)
     np.testing.assert_array_equal(found.tau, torques[-1])
+
+
+@pytest.mark.parametrize("name", ["lwr4", "panda", "xarm7"])
+@pytest.mark.parametrize("outside", [0.0, 1e-9, 1e-5, 1e-3])
+def test_a_joint_on_its_limit_leaves_the_torque_of_the_others(name, outside, tmp_path):
+    """Any joint on any limit, or beyond it, pushed outward by hand or command, while others are asked to move."""
+    robot = RobotModel(arm_path(name, tmp_path))
+    params, rng = JointEnvelopeParameters(), np.random.default_rng(3)
+    envelope, n = envelope_of(robot, params), robot.n
+    for _ in range(200):
+        joint, side = rng.integers(n), rng.choice([-1.0, 1.0])
+        q = envelope.q_min + rng.uniform(0.2, 0.8, n) * (envelope.q_max - envelope.q_min)
+        limit = envelope.q_max if side > 0.0 else envelope.q_min
+        if not np.isfinite(limit[joint]):
+            continue
+        q[joint] = limit[joint] + side * outside
+        v = np.zeros(n)
+        v[joint] = side * rng.choice([0.0, STEP / params.period])  # as encoders tell of a joint at rest
+        terms = evaluate_dynamics(robot, q, v)
+        h = terms.Cv + terms.g
+        pushed = rng.uniform(-1.0, 1.0, n) * 0.3 * params.push_share * robot.tau_max
+        before = np.clip(h - pushed, -robot.tau_max, robot.tau_max)
+        wish = before + terms.M @ (rng.uniform(-0.5, 0.5, n) * envelope.jerk * params.period)
+        wish[joint] = before[joint] + side * 0.4 * params.torque_rate * params.period
+        wish = np.clip(wish, -robot.tau_max, robot.tau_max)
+        torque, status, held, _ = limited_torque(envelope, Motion(q, v, terms.M, h, pushed, before), wish)
+        others = np.arange(n) != joint
+        np.testing.assert_allclose(torque[others], wish[others], atol=1e-6)
+        led = np.linalg.solve(terms.M, torque + pushed - h)[joint]
+        if status != EnvelopeStatus.FREE:  # else the others' motion takes it inward
+            assert (status, held) == (EnvelopeStatus.POSITION, joint)
+            assert side * led <= 1e-6
+
+
+@pytest.mark.parametrize("name", ["lwr4", "panda"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_on_its_limit_stays_there_while_a_push_moves_the_others(name, seed, tmp_path):
+    """The command drives it outward for a second; no BRAKING, no limit of the robot left, and the others give way."""
+    robot, rng = RobotModel(arm_path(name, tmp_path)), np.random.default_rng(seed)
+    params = JointEnvelopeParameters()
+    envelope, n, T = envelope_of(robot, params), robot.n, params.period
+    joint, side = rng.integers(n), rng.choice([-1.0, 1.0])
+    q, v = 0.5 * (envelope.q_min + envelope.q_max), np.zeros(n)
+    q[joint] = (envelope.q_max if side > 0.0 else envelope.q_min)[joint]
+    terms = evaluate_dynamics(robot, q, v)
+    start, tau, seen = q.copy(), terms.g, q.copy()
+    pushed = terms.M @ np.where(np.arange(n) == joint, 0.0, 2.0)
+    for k in range(1000):
+        read = STEP * np.rint(q / STEP)
+        terms, known = evaluate_dynamics(robot, q, v), evaluate_dynamics(robot, read, (read - seen) / T)
+        seen, h = read, known.Cv + known.g
+        external = min(k / 200.0, 1.0) * pushed
+        wish = known.g - known.M @ (10.0 * (read - start) + 10.0 * known.v)
+        wish[joint] += side * 0.2 * robot.tau_max[joint]
+        motion = Motion(read, known.v, known.M, h, external, tau)
+        tau, status, *_ = limited_torque(envelope, motion, wish)
+        assert status != EnvelopeStatus.BRAKING
+        v = v + T * np.linalg.solve(terms.M, tau + external - terms.Cv - terms.g)
+        q = q + T * v
+        assert np.all((robot.q_min <= q) & (q <= robot.q_max))
+    moved = np.abs(q - start)
+    assert moved[joint] < 0.02
+    assert np.max(moved) > 0.05

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from saphari_drake.safety.joint_envelope.stopping import fastest, largest_acceleration, speed_bound, stop_position
+from saphari_drake.safety.joint_envelope.stopping import (
+    RETURN_SPEED,
+    fastest,
+    kept_acceleration,
+    largest_acceleration,
+    speed_bound,
+    stop_position,
+)
 
 T = 0.001
 
@@ -82,3 +89,41 @@ def test_the_bound_of_the_speed_uses_it_up(left):
     """After a period with that acceleration the fastest is the limit, no less."""
     a = speed_bound(1.0, 1.0 + left, 200.0, T)
     assert fastest(1.0 + a * T, a, 200.0, T) == pytest.approx(1.0 + left, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_no_position_limit_asks_for_more_than_the_fullest_stop(seed):
+    """From any state near the limit or outside; where that stop ends before it the bound is the one that keeps it."""
+    rng = np.random.default_rng(seed)
+    A = 10.0 ** rng.uniform(0.0, 2.0)
+    J, v_max, q_max = A * 10.0 ** rng.uniform(1.0, 2.5), rng.uniform(0.5, 4.0), rng.uniform(0.5, 3.0)
+    q, v, a = q_max + rng.normal() * 10.0 ** rng.uniform(-6.0, 0.0), rng.normal() * v_max, rng.normal() * A
+    fullest = max(a - 2.0 * J * T, -A)
+    bound = kept_acceleration(q, v, a, q_max, 0.001, v_max, A, J, 2.0 * J, T)
+    end = q + v * T + 0.5 * fullest * T * T + stop_position(v + fullest * T, fullest, A, J, T)
+    if end <= q_max + 0.001 or q >= q_max + 0.001:
+        assert bound >= min(fullest, speed_bound(v, v_max, J, T))
+    if max(q, end) <= q_max:
+        assert bound == largest_acceleration(q, v, q_max, v_max, A, J, T)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+@pytest.mark.parametrize("outside", [0.0, 1e-6, 1e-3, 0.1])
+@pytest.mark.parametrize("seed", range(10))
+def test_a_joint_outside_its_limit_comes_back_softly_and_stays(seed, outside, noise):
+    """Though it is always asked outward, and measured with noise: never faster inward than the share for a return."""
+    rng = np.random.default_rng(seed)
+    A = 10.0 ** rng.uniform(0.5, 2.0)
+    J, v_max, q_max = A * 10.0 ** rng.uniform(1.0, 1.8), 2.0, 1.5
+    q, v, a, ways, speeds = q_max + outside, 0.0, 0.0, [], []
+    for _ in range(4000):
+        seen = q + noise * rng.uniform(-1.0, 1.0), v + 100.0 * noise * rng.uniform(-1.0, 1.0)
+        high = kept_acceleration(*seen, a, q_max, 0.001, v_max, A, J, 2.0 * J, T)
+        assert high >= a - 2.0 * J * T - 1e-9
+        a = min(high, a + J * T)
+        q, v = q + v * T + 0.5 * a * T * T, v + a * T
+        ways.append(q - q_max), speeds.append(v)
+    assert max(ways) <= outside + 20.0 * noise + 1e-8
+    assert min(speeds) >= -(RETURN_SPEED * v_max + 200.0 * noise)
+    assert max(ways[-1000:]) <= 50.0 * noise + 1e-4
+    assert min(ways[-1000:]) >= -50.0 * noise - 1e-2  # nor is it thrown back
