@@ -33,6 +33,9 @@ Array = NDArray[np.float64]
 # stops when it cannot; one that also stops at every contact; one that is always as slow as a contact may be hard.
 WAYS = ("supervised", "separation", "stop_at_contact", "force_limited")
 
+# m; where the path of the platform's arm is, from where that of the fixed one is.
+FARTHER = (0.25, 0.0, 0.1)
+
 
 def _camera(position: list[float]) -> CameraParameters:
     return CameraParameters(
@@ -139,7 +142,8 @@ def person_of(scenario: CellScenario, trial: int) -> PerformanceParameters:
     if not files:
         raise ParameterError("recordings", f"no .bvh file in '{scenario.recordings}'")
     person.file = str(files[trial % len(files)])
-    person.spot = [rng.uniform(0.75, 1.15), rng.uniform(-0.3, 0.3)]
+    farther = FARTHER[0] if scenario.case == "mobile" else 0.0
+    person.spot = [rng.uniform(0.75, 1.15) + farther, rng.uniform(-0.3, 0.3)]
     person.yaw, person.start = rng.uniform(150.0, 210.0), rng.uniform(0.0, 5.0)
     return person
 

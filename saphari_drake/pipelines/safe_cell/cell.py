@@ -111,6 +111,7 @@ def add_safe_cell(
         (contact.controller, "torque_commanded", choice, "torque_contact"),
         (guiding.controller, "torque_commanded", choice, "torque_guiding"),
         (envelope, "torque_mean", contact.observer, "torque_applied"),
+        (envelope, "torque_applied", job.servo, "torque_applied"),
         (contact.localizer, "camera_status", gate, "camera"),
         (guiding.skin, "skin_status", gate, "skin"),
         (switch, "system_status", gate, "joint state"),

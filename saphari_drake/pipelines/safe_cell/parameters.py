@@ -70,12 +70,13 @@ class SafeCellParameters:
     # Its torque rate is that of drives with a servo of their own: with 1000 Nm/s, that of a torque interface, a stop at
     # full braking swings about rest. Assumed.
     envelope: JointEnvelopeParameters = field(default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4))
-    # Of the job's velocity, at the robot's own rate.
+    # Of the job's velocity, at the robot's own rate; the rate of the torque is that of `envelope`.
     velocity_envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, integral_gain=2500.0))
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
+        self.velocity_envelope.torque_rate = self.envelope.torque_rate
         for part in (self.signals, self.supervisor, self.skin, self.wrist, self.guiding, self.switch, self.tracker):
             part.period = self.period
         share_period(self, "observer", "detector", "monitor", "contact")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
 from experiments.nmpc.jobs import pose_of
+from safe_cell import scenario_for
 from small_bvh import swinging, write_bvh
 
 from saphari_drake.errors import ParameterError, UnknownNameError
@@ -42,3 +43,15 @@ def test_a_job_begins_and_ends_where_the_robot_stands(case):
         np.testing.assert_allclose(job.pose(time)[1], p, atol=1e-9)
         np.testing.assert_allclose(job.pose(time)[0], R, atol=1e-9)
     assert np.linalg.norm(job.pose(0.5 * job.length)[1] - p) > 0.4
+
+
+def test_people_stand_beside_the_path_of_both_robots_alike():
+    """The made-up person is as far from the middle of the path, and reaches as near to it."""
+    away = []
+    for case in ("fixed", "mobile"):
+        scenario = scenario_for(case)
+        middle = job_of(robot_of(scenario), scenario).pose(0.25 * scenario.job_time)[1]
+        person = person_of(scenario, 0)
+        away.append([np.array(person.way[2][1:]) - middle[:2], np.array(person.reach_to)[:2] - middle[:2]])
+        assert person.reach_to[2] - middle[2] == pytest.approx(0.1, abs=0.01)
+    np.testing.assert_allclose(away[0], away[1], atol=0.01)
