@@ -153,6 +153,7 @@ def for_way(scenario: CellScenario, way: str) -> SafeCellParameters:
     params = deepcopy(scenario.pipeline)
     if way in ("separation", "stop_at_contact"):
         params.signals.limit = "separation"
+        params.verified_stop.touch = False
     if way == "force_limited":
         params.signals.limit = "force"
         params.force_limit.reach = 10.0

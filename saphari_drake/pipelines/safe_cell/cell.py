@@ -66,9 +66,10 @@ def add_safe_cell(
 ) -> SafeCell:
     """Add all systems of the safe cell, and connect them.
 
-    Cameras → people → monitors and predictive controller; its velocity, as far as the supervisor lets it, → velocity
-    envelope → servo. Residual, cameras → contact controller. Skin, wrist sensor → guiding. The supervisor names the
-    torque that passes → command switch → joint envelope. `recover` of the supervisor is left to connect.
+    Cameras → people → monitors and predictive controller; its velocity, as far as the supervisor lets it, → verified
+    stop → velocity envelope → servo. Residual, cameras → contact controller. Skin, wrist sensor → guiding. The
+    supervisor names the torque that passes → command switch → joint envelope. `recover` of the supervisor is left to
+    connect.
     """
     params = params or SafeCellParameters()
     params.__post_init__()
@@ -105,6 +106,7 @@ def add_safe_cell(
         (people, "obstacles", job.nmpc, "obstacles"),
         (people, "obstacles", job.separation, "people"),
         (people, "obstacles", job.force_limit, "people"),
+        (people, "obstacles", job.stop, "people"),
         (contact.detector, "contact", supervisor, "touched"),
         (contact.controller, "selection", supervisor, "contact_selection"),
         (job.servo, "torque_commanded", choice, "torque_job"),

@@ -31,6 +31,7 @@ from saphari_drake.safety.contact_monitor import ContactMonitor
 from saphari_drake.safety.power_force.system import PowerForceLimit
 from saphari_drake.safety.speed_separation.system import SpeedSeparation
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
+from saphari_drake.safety.verified_stop.system import VerifiedStop
 from saphari_drake.systems import connect
 
 
@@ -58,13 +59,14 @@ class JobParts(NamedTuple):
     force_limit: PowerForceLimit
     choice: SpeedChoice
     scaled: ScaledVelocity
+    stop: VerifiedStop
     servo: JointVelocityServo
 
 
 def add_job(
     builder: DiagramBuilder, setup: CellSetup, measured: CellMeasurements, params: SafeCellParameters
 ) -> JobParts:
-    """Add the predictive controller, its job, monitors and servo."""
+    """Add the predictive controller, its job, monitors, verified stop and servo."""
     robot, add, own = setup.robot, builder.AddNamedSystem, params.job
     envelope = add("velocity_envelope", VelocityEnvelope(robot, params.velocity_envelope))
     fast = add("servo_dynamics", RobotDynamics(robot))
@@ -77,6 +79,7 @@ def add_job(
         add("power_force", PowerForceLimit(robot, params.force_limit)),
         add("speed_choice", SpeedChoice(params.signals)),
         add("scaled_velocity", ScaledVelocity(robot.n)),
+        add("verified_stop", VerifiedStop(robot, params.verified_stop)),
         add("joint_servo", JointVelocityServo(robot, params.servo)),
     )
     connect(
@@ -92,7 +95,9 @@ def add_job(
         (measured.joint_state.position, envelope, "position_measured"),
         (parts.separation.GetOutputPort("speed_scale"), parts.choice, "scale_separation"),
         (parts.force_limit.GetOutputPort("speed_scale"), parts.choice, "scale_force"),
-        (parts.scaled.GetOutputPort("velocity_applied"), envelope, "velocity_commanded"),
+        (measured.position, parts.stop, "position_measured"),
+        (parts.scaled.GetOutputPort("velocity_applied"), parts.stop, "velocity_commanded"),
+        (parts.stop.GetOutputPort("velocity_applied"), envelope, "velocity_commanded"),
         (envelope.GetOutputPort("velocity_applied"), parts.servo, "velocity_commanded"),
     ):
         builder.Connect(source, system.GetInputPort(name))

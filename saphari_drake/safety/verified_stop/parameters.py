@@ -11,9 +11,12 @@ from saphari_drake.math.primitives import BOX
 from saphari_drake.math.tree import PRISMATIC, Tree
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.power_force.parameters import PowerForceParameters
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 
 Array = NDArray[np.float64]
+# A ramp from +A to −A is followed with jerk J within this times A/J: 2 A/J to turn, less the half in which −A is reached.
+_TURN = 1.5
 
 
 @dataclass
@@ -34,6 +37,9 @@ class VerifiedStopParameters:
     # s; people and things seen longer ago than this count as lost, and commands made longer ago as well.
     people_timeout: float = 0.5
     command_timeout: float = 0.25
+    # Whether people may be touched while the robot moves, as softly as `contact` has it; its `reach` is not used.
+    touch: bool = False
+    contact: PowerForceParameters = field(default_factory=PowerForceParameters)
     # Intervals of a stop, each checked as a whole (≥ 1).
     intervals: int = 10
 
@@ -90,7 +96,7 @@ def body_of(robot: RobotModel, params: VerifiedStopParameters) -> Body:
         bounds.v_max,
         bounds.acceleration,
         bounds.period,
-        params.motion.lag + 0.5 * bounds.period,
+        params.motion.lag + 0.5 * bounds.period + _TURN * float(np.max(bounds.acceleration / bounds.jerk)),
     )
 
 

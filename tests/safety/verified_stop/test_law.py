@@ -5,8 +5,14 @@ import pytest
 
 from saphari_drake.math.primitives import BOX
 from saphari_drake.robots import catalog
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.safety.nearness import Balls, surface_of
+from saphari_drake.safety.power_force.law import Contact, Rule, contact_scale
+from saphari_drake.safety.power_force.parameters import PowerForceParameters, walls_of
+from saphari_drake.safety.power_force.regions import limits_of, read_regions
 from saphari_drake.safety.verified_stop.law import StopStatus, Surroundings, checked_velocity, stop_margin
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters, body_of
+from saphari_drake.safety.verified_stop.touch import Touch
 
 SPEED, RADIUS = 2.0, 0.08
 
@@ -150,3 +156,32 @@ def test_a_joint_at_its_limit_stops_in_time(lwr4):
         q = q + 0.001 * v
         assert np.all(q <= lwr4.q_max)
     assert np.min(lwr4.q_max - q) < 0.1
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_people_may_be_touched_softly_if_that_is_allowed(soft):
+    """Driven at a person beyond the reach of its stop: it gets there as fast as a touch may be, or stands before."""
+    robot, params = catalog.load("lwr4"), VerifiedStopParameters()
+    body, outside, contact = body_of(robot, params), surface_of(robot), PowerForceParameters()
+    limits = limits_of(read_regions(""), contact.regions)
+    rule = Rule(limits, walls_of(contact.structures), np.inf, contact.clamp_gap, contact.thickest, contact.still)
+    q, v, command = robot.home.copy(), np.zeros(7), np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    turned = q.copy()
+    turned[0] += 0.6
+    person = np.atleast_2d(robot.kinematics(turned).p_WL[-1])
+    people = Balls(person, 0.0 * person, np.array([RADIUS]))
+    touch = Touch(outside, rule, people, np.array([0]))
+    fastest = 0.0
+    for _ in range(3000):
+        given = body, 10, q, v, command, True, balls(person)
+        v = checked_velocity(*given, touch)[0] if soft else checked_velocity(*given)[0]
+        q, fastest = q + params.motion.period * v, max(fastest, v.max())
+        terms = evaluate_dynamics(robot, q, v)
+        near = surface(robot, q, person).min() - RADIUS
+        if near <= 0.0:
+            break
+    assert (near <= 0.0) == soft
+    assert fastest > 0.5
+    allowed = Contact(*contact_scale(outside, terms.motion, terms.M, v, people, np.array([False]), rule))
+    assert v.max() > 0.1 if soft else v.max() == 0.0
+    assert allowed.scale > 0.99
