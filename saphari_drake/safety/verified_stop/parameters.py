@@ -15,7 +15,7 @@ from saphari_drake.safety.power_force.parameters import PowerForceParameters
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 
 Array = NDArray[np.float64]
-# A ramp from +A to −A is followed with jerk J within this times A/J: 2 A/J to turn, less the half in which −A is reached.
+# A ramp that turns from +A to −A is followed with jerk J within this times A/J.
 _TURN = 1.5
 
 
