@@ -112,7 +112,7 @@ def add_safe_cell(
         (job.servo, "torque_commanded", choice, "torque_job"),
         (contact.controller, "torque_commanded", choice, "torque_contact"),
         (guiding.controller, "torque_commanded", choice, "torque_guiding"),
-        (envelope, "torque_mean", contact.observer, "torque_applied"),
+        (envelope, "torque_acting", contact.window, "torque_acting"),
         (envelope, "torque_applied", job.servo, "torque_applied"),
         (contact.localizer, "camera_status", gate, "camera"),
         (guiding.skin, "skin_status", gate, "skin"),

@@ -13,6 +13,7 @@ from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.estimation.contact_force import ContactForceEstimator
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
 from saphari_drake.estimation.momentum_observer import MomentumObserver
+from saphari_drake.estimation.torque_window import TorqueWindow
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.obstacles.merge import MergedObstacles
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
@@ -108,6 +109,7 @@ class ContactParts(NamedTuple):
     """What answers a touch."""
 
     observer: MomentumObserver
+    window: TorqueWindow
     detector: ContactDetector
     localizer: ContactLocalizer
     monitor: ContactMonitor
@@ -123,8 +125,11 @@ def add_contact(
     localizer = ContactLocalizer(
         robot, list(setup.cameras), params.localizer, list(setup.backgrounds), period=params.period
     )
+    # The window tells the observer just what changes a difference of positions: no delay is left to tell.
+    differenced, exact = params.observer.velocity_delay > 0.0, replace(params.observer, velocity_delay=0.0)
     parts = ContactParts(
-        add("momentum_observer", MomentumObserver(robot, params.observer)),
+        add("momentum_observer", MomentumObserver(robot, exact)),
+        add("torque_window", TorqueWindow(robot.n, params.envelope.period, params.period, differenced)),
         add("contact_detector", ContactDetector(robot.n, params.detector)),
         add("contact_localizer", localizer),
         add("contact_monitor", ContactMonitor(robot, params.monitor)),
@@ -143,6 +148,7 @@ def add_contact(
         (parts.force, "contact_force", parts.controller),
         (parts.force, "misfit", parts.controller),
     )
+    builder.Connect(parts.window.GetOutputPort("torque_mean"), parts.observer.GetInputPort("torque_applied"))
     builder.Connect(parts.monitor.GetOutputPort("active_contact"), parts.force.GetInputPort("contact_point"))
     builder.Connect(measured.position, localizer.GetInputPort("position_measured"))
     several = len(setup.cameras) > 1
