@@ -76,7 +76,7 @@ class SafeCellParameters:
     # Behind what the supervisor lets pass; its motion is that of the velocity envelope, its people are those of the
     # monitors.
     verified_stop: VerifiedStopParameters = field(
-        default_factory=lambda: VerifiedStopParameters(touch=True, people_timeout=0.2)
+        default_factory=lambda: VerifiedStopParameters(envelope_behind=True, touch=True, people_timeout=0.2)
     )
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, integral_gain=2500.0))
 

@@ -25,6 +25,8 @@ class VerifiedStopParameters:
 
     # The stop: accelerations that the motors surely give, cycle, lag and margins to the limits of the joints.
     motion: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
+    # Whether a `VelocityEnvelope` with the same motion comes after it, whose jerk lets a stop begin later.
+    envelope_behind: bool = False
     # m/s, with which people come nearer. ISO 13855: 1.6 walking, 2.0 with a hand; a point does not tell which it is.
     person_speed: float = 2.0
     # m, error of a person's points. Assumed.
@@ -77,6 +79,7 @@ def body_of(robot: RobotModel, params: VerifiedStopParameters) -> Body:
         As `bounds_of` does.
     """
     bounds, shapes = bounds_of(robot, params.motion), robot.shapes
+    rise = bounds.acceleration / bounds.jerk
     moving = np.flatnonzero(shapes.link >= 0)
     boxes = shapes.kind[moving] == BOX
     size = shapes.size[moving]
@@ -96,7 +99,7 @@ def body_of(robot: RobotModel, params: VerifiedStopParameters) -> Body:
         bounds.v_max,
         bounds.acceleration,
         bounds.period,
-        params.motion.lag + 0.5 * bounds.period + _TURN * float(np.max(bounds.acceleration / bounds.jerk)),
+        params.motion.lag + 0.5 * bounds.period + params.envelope_behind * _TURN * float(rise.max()),
     )
 
 

@@ -1,5 +1,7 @@
 """Adversaries command the robot and run at it: they may touch it where it stands, never while it moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,13 @@ from saphari_drake.safety.nearness import Balls, surface_of
 from saphari_drake.safety.power_force.law import Contact, Rule, contact_scale
 from saphari_drake.safety.power_force.parameters import PowerForceParameters, walls_of
 from saphari_drake.safety.power_force.regions import limits_of, read_regions
+from saphari_drake.safety.velocity_envelope.law import Course, limited_velocity
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 from saphari_drake.safety.verified_stop.law import StopStatus, Surroundings, checked_velocity, stop_margin
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters, body_of
 from saphari_drake.safety.verified_stop.touch import Touch
 
-SPEED, RADIUS = 2.0, 0.08
+SPEED, RADIUS, PERIOD = 2.0, 0.08, 0.005
 
 
 def surface(robot, q, points):
@@ -185,3 +189,23 @@ def test_people_may_be_touched_softly_if_that_is_allowed(soft):
     allowed = Contact(*contact_scale(outside, terms.motion, terms.M, v, people, np.array([False]), rule))
     assert v.max() > 0.1 if soft else v.max() == 0.0
     assert allowed.scale > 0.99
+
+
+def test_an_envelope_behind_follows_a_stop_within_the_time_that_is_held_for_it():
+    """The platform turned from full acceleration to a stop, its jerk that of slow drives: no farther than foreseen."""
+    robot, motion = catalog.omnirob(), VelocityEnvelopeParameters(torque_rate=3.0e4, period=PERIOD)
+    params = VerifiedStopParameters(motion=motion, envelope_behind=True)
+    body, bounds = body_of(robot, params), bounds_of(robot, replace(motion, period=0.001))
+    course = Course(robot.home.copy(), np.zeros(robot.n), np.zeros(robot.n))
+    v, told = np.zeros(robot.n), np.inf
+    for k in range(800):
+        if k % 5 == 0 and k < 60:  # while it accelerates
+            wish = np.zeros(robot.n)
+            wish[0] = 0.5
+            v = checked_velocity(body, 10, course.q, v, wish, True, balls(np.zeros((0, 3))))[0]
+            told = course.q[0] + v[0] * (body.period + body.hold + 0.5 * v[0] / body.deceleration[0])
+        elif k % 5 == 0:
+            v = checked_velocity(body, 10, course.q, v, 0.0 * v, True, balls(np.zeros((0, 3))))[0]
+        course = Course(*limited_velocity(bounds, course, course.q, v)[0])
+    assert abs(course.v[0]) < 1e-6
+    assert 0.01 < course.q[0] <= told
