@@ -69,8 +69,11 @@ class SafeCellParameters:
     guiding: HandGuidingParameters = field(default_factory=HandGuidingParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
     # Its torque rate is that of drives with a servo of their own: with 1000 Nm/s, that of a torque interface, a stop at
-    # full braking swings about rest. Assumed.
-    envelope: JointEnvelopeParameters = field(default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4))
+    # full braking swings about rest. Its speed margin is for people who push harder within the lag of the observer: 500
+    # Nm/s over 20 ms are some rad/s² for some ms. Assumed.
+    envelope: JointEnvelopeParameters = field(
+        default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4, speed_margin=0.03)
+    )
     # Of the job's velocity, at the robot's own rate; the rate of the torque is that of `envelope`.
     velocity_envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
     # Behind what the supervisor lets pass; its motion is that of the velocity envelope, its people are those of the
