@@ -6,11 +6,12 @@ against a licensed copy.
 
 import sys
 
+import numpy as np
 from experiments.cell.build import build_cell
 from experiments.cell.figures import cell_figure, cell_replay
 from experiments.cell.functions import safety_functions
 from experiments.cell.run import metrics_of, simulate
-from experiments.cell.scenario import CellScenario
+from experiments.cell.scenario import FARTHER, CellScenario
 from pydrake.systems.framework import Diagram
 
 from saphari_drake.simulation.faults.registry import ARM
@@ -28,6 +29,10 @@ def scenario_for(case: str) -> CellScenario:
     """Return the scenario of a case."""
     scenario = CellScenario(case=case, robot="lwr4" if case == "fixed" else "omnirob")
     if case == "mobile":
+        # The person stands beside the path as beside that of the fixed arm, not on it.
+        person = scenario.person
+        person.way = [[time, x + FARTHER[0], y] for time, x, y in person.way]
+        person.reach_to = np.add(person.reach_to, FARTHER).tolist()
         scenario.pipeline.detector.threshold = [*PLATFORM_THRESHOLD, *[1.5] * 7]
     return scenario
 

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 import saphari_drake
 from saphari_drake.errors import ParameterError
-from saphari_drake.estimation import JointVelocity, JointVelocityParameters
+from saphari_drake.estimation import JointVelocity, JointVelocityParameters, TorqueWindow
 from saphari_drake.perception import CameraCheck, CameraParameters
 from saphari_drake.safety import PowerForceLimit, SpeedSeparation, Supervisor, TorqueChoice, TorqueLimit
 from saphari_drake.stations import RobotStation
@@ -79,6 +79,7 @@ def systems() -> dict[type, LeafSystem]:
     found = {CameraCheck: CameraCheck(robot, CameraParameters()), TorqueLimit: TorqueLimit(robot, 0.005)}
     found |= {SpeedSeparation: SpeedSeparation(robot), PowerForceLimit: PowerForceLimit(robot)}
     found |= {Supervisor: Supervisor(), TorqueChoice: TorqueChoice(robot.n)}
+    found[TorqueWindow] = TorqueWindow(robot.n, 0.001, 0.005, differenced=True)
     link = open_link(robot.n)
     link.path.unlink()
     found[RobotStation] = RobotStation(robot, link)

@@ -15,6 +15,7 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
+_GIVEN = 0.01  # share of a joint's torque limit within which a torque counts as given
 
 
 @dataclass
@@ -77,6 +78,7 @@ class JointVelocityServo(LeafSystem):
         input_ports:
         - dynamics
         - velocity_commanded
+        - torque_applied
         output_ports:
         - torque_commanded
         - velocity_error
@@ -86,6 +88,8 @@ class JointVelocityServo(LeafSystem):
     -----
     dynamics : abstract `DynamicsTerms`, of the measured state.
     velocity_commanded : n (rad/s or m/s).
+    torque_applied : n (Nm or N), given in place of the torque that is asked for; optional: just that. No output depends
+        on it.
     torque_commanded : n (Nm or N), always finite; `TorqueLimit` comes after it. A `VelocityEnvelope` before the servo
         keeps it within the limits.
     velocity_error : n (rad/s or m/s), commanded minus measured; NaN while the state is not known.
@@ -93,8 +97,10 @@ class JointVelocityServo(LeafSystem):
         while the state is not known: the gravity torque of the last known one is left, at the start that at home.
 
     The law is `servo_torque`, with the integral of the velocity error in the desired acceleration. State: that
-    integral, nothing after an input that was not finite; and the command of the cycle before, for the acceleration fed
-    forward; none is in the first cycle, so that a command that does not start at zero is approached by the gain alone.
+    integral, nothing after an input that was not finite, which does not grow while the joints get another torque than
+    is asked for: behind a limit, or while another law holds the robot, it would wind up; and the command of the cycle
+    before, for the acceleration fed forward; none is in the first cycle, so that a command that does not start at zero
+    is approached by the gain alone.
     """
 
     def __init__(self, robot: RobotModel, params: JointServoParameters | None = None) -> None:
@@ -103,9 +109,11 @@ class JointVelocityServo(LeafSystem):
         terms = evaluate_dynamics(robot, robot.home, zero)
         self._dynamics = DynamicsInput(self, terms)
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
+        self._applied = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
+        self._tolerance = _GIVEN * robot.tau_max
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g, zero)))
         start = _Output(terms.g, zero, SystemStatus.OK)
-        tickets = {self.all_input_ports_ticket(), self.abstract_state_ticket(self._memory)}
+        tickets = {self._dynamics.ticket(), self._command.ticket(), self.abstract_state_ticket(self._memory)}
         self._output = declare_cache(self, "torque", start, self._evaluate, tickets)
         readouts = {
             "torque_commanded": (robot.n, lambda o: o.torque),
@@ -132,6 +140,13 @@ class JointVelocityServo(LeafSystem):
         torque = servo_torque(terms, v_desired, a_desired, self._params.gain)
         return _Output(torque, v_desired - terms.v, status)
 
+    def _given(self, context: Context) -> bool:
+        """Return whether the joints get the torque that is asked for."""
+        if not self._applied.HasValue(context):
+            return True
+        missing = self._applied.Eval(context) - self._output.Eval(context).torque
+        return bool(np.all(np.abs(missing) <= self._tolerance))
+
     def _update(self, context: Context, state: State) -> None:
         terms, command = self._dynamics.Eval(context), np.array(self._command.Eval(context))
         before, p = self._remembered(context), self._params
@@ -140,6 +155,8 @@ class JointVelocityServo(LeafSystem):
         if known:
             wanted = before.integral + p.period * (command - terms.v)
             integral = np.clip(wanted, -p.integral_limit, p.integral_limit)
+            if not self._given(context):
+                integral = np.where(np.abs(integral) < np.abs(before.integral), integral, before.integral)
         gravity = terms.g if terms.finite else before.gravity
         memory = _Memory(gravity, integral, command if status_of(command) == SystemStatus.OK else None)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)

@@ -34,6 +34,8 @@ from .momentum_observer import (
 from .momentum_observer import (
     MomentumObserverParameters as MomentumObserverParameters,
 )
+from .torque_window import TorqueWindow as TorqueWindow
+from .torque_window import window_weights as window_weights
 from .wrench_check import WrenchCheck as WrenchCheck
 from .wrench_check import WrenchCheckParameters as WrenchCheckParameters
 from .wrench_check import WrenchCheckStatus as WrenchCheckStatus

@@ -11,9 +11,14 @@ from pydrake.systems.primitives import ConstantVectorSource
 from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo, servo_torque
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import SystemStatus
+from saphari_drake.robots.catalog import omnirob
 from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
+from saphari_drake.safety.velocity_envelope.law import Course, limited_velocity
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import add_cell
+
+RATE, T = 3.0e4, 0.001  # N/s (Nm/s), s
 
 
 @pytest.mark.parametrize("arm", ["lwr4", "panda", "mobile"])
@@ -123,3 +128,54 @@ def test_the_integral_takes_out_what_a_constant_torque_holds_back(lwr4, integral
         v = v + 0.001 * np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
         q = q + 0.001 * v
     assert (np.abs(wanted - v).max() < left) == (integral_gain > 0.0)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_the_integral_does_not_wind_up_while_another_torque_acts(lwr4, given):
+    """Held fast for half a second and told that its torque does not act, it asks for no more than at the start."""
+    servo = JointVelocityServo(lwr4, JointServoParameters(gain=50.0, integral_gain=625.0))
+    bench, terms = Bench(servo), evaluate_dynamics(lwr4, lwr4.home, np.zeros(7))
+    bench.set(dynamics=terms, velocity_commanded=np.full(7, 0.1), torque_applied=terms.g)
+    first = bench.read("torque_commanded")
+    for k in range(500):
+        bench.set(torque_applied=bench.read("torque_commanded") if given else terms.g)
+        bench.simulator.AdvanceTo(0.001 * (k + 1) + 2e-6)
+    more = np.abs(bench.read("torque_commanded") - first).max()
+    assert (more > 1.0) == given
+    assert given or more < 1e-9
+
+
+def speeds_of_a_stop(known):
+    """Return the velocities of the platform (k, 2) from 0.3 m/s on, its drives slower than the servo asks for."""
+    robot = omnirob()
+    bounds = bounds_of(robot, VelocityEnvelopeParameters(torque_rate=RATE if known else np.inf))
+    servo = JointVelocityServo(robot, JointServoParameters(gain=100.0, integral_gain=2500.0))
+    q, v, course = robot.home.copy(), np.zeros(robot.n), Course(robot.home, np.zeros(robot.n), np.zeros(robot.n))
+    torque, rows = evaluate_dynamics(robot, q, v).g, []
+    bench = Bench(servo, dynamics=evaluate_dynamics(robot, q, v), velocity_commanded=v, torque_applied=torque)
+    for k in range(1200):
+        wish = np.zeros(robot.n)
+        wish[:2] = (0.3, -0.3) if k < 500 else (0.0, 0.0)
+        course = limited_velocity(bounds, course, q, wish)[0]
+        terms = evaluate_dynamics(robot, q, v)
+        bench.set(dynamics=terms, velocity_commanded=course.v)
+        asked = np.clip(bench.read("torque_commanded"), -robot.tau_max, robot.tau_max)
+        torque = np.clip(asked, torque - RATE * T, torque + RATE * T)
+        if known:
+            bench.set(torque_applied=torque)
+        else:
+            bench.set(torque_applied=bench.read("torque_commanded"))
+        bench.simulator.AdvanceTo(T * (k + 1) + 2e-6)
+        v = v + T * np.linalg.solve(terms.M, torque - terms.Cv - terms.g)
+        q = q + T * v
+        rows.append(v[:2])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_stop_does_not_swing(known):
+    """With the rate of its drives known, it stands 0.3 s after the command and hardly runs back; else it swings."""
+    v = speeds_of_a_stop(known)
+    back, late = -min(v[500:, 0].min(), -v[500:, 1].max()), np.abs(v[800:]).max()
+    assert (back < 0.01) == known
+    assert (late < 0.005) == known

@@ -121,8 +121,11 @@ def build_cell(
     slow.add("protective_distance", pipeline.separation.GetOutputPort("protective_distance"), "m")
     slow.add("scale_separation", pipeline.separation.GetOutputPort("speed_scale"), "1")
     slow.add("scale_force", pipeline.force_limit.GetOutputPort("speed_scale"), "1")
+    for name in ("energy", "energy_limit"):
+        slow.add(name, pipeline.force_limit.GetOutputPort(name), "J")
     slow.add("people_seen", pipeline.people.GetOutputPort("obstacles"), "1", lambda p: [float(len(p.p_WO))], 1)
     slow.add("nmpc_status", pipeline.nmpc.GetOutputPort("status"), "1")
+    slow.add("stop_status", builder.GetSubsystemByName("verified_stop").GetOutputPort("status"), "1")
     inject_into(builder, cell, truth)
     show(builder, cell.scene_graph, meshcat)
     return SafeCellRig(scenario, robot, cell, people, pipeline, builder.Build(), fast, slow)

@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
 
 from experiments.cell.judge import CellRun
-from saphari_drake.safety.supervisor.law import CellState
+from saphari_drake.safety.supervisor.law import CellState, Event
 from saphari_drake.simulation.people.skeleton import SEGMENTS
 from saphari_drake.simulation.view.figures import blank
 from saphari_drake.simulation.view.replay import Arrow, Marker, write_replay
+from saphari_drake.simulation.world.cell import add_cell
+from saphari_drake.simulation.world.pedestal import Pedestal
 
 COLORS = {
     CellState.FREE: "#7fbf7f", CellState.SLOWED: "#ffd966", CellState.STOP: "#f4a582", CellState.CONTACT: "#92c5de",
@@ -66,7 +70,7 @@ def cell_figure(run: CellRun, title: str) -> Figure:
 
 
 def cell_replay(run: CellRun, path: Path, title: str) -> None:
-    """Write a page that shows robot, person, contact force and, as the colour of a ball above it, the robot's state."""
+    """Write a page that shows robot, person and contact force, and the robot's state as a colour and in words."""
     slow, fast = run.slow, run.fast
     ends = slow["ends"].reshape(len(slow.time), -1, 2, 3)
     overlays: list[Arrow | Marker] = []
@@ -88,10 +92,36 @@ def cell_replay(run: CellRun, path: Path, title: str) -> None:
     touch = fast["touch"][rows]
     overlays.append(Arrow("force", touch[:, 3:6], touch[:, :3], 0.005, (0.84, 0.1, 0.1)))
     words = "; ".join(f"{_name(COLORS[which])}: {WORDS[which]}" for which in COLORS)
+    cell = run.rig.cell
+    height = run.rig.scenario.base_height if run.rig.scenario.case == "fixed" else 0.0
+
+    def build(builder: DiagramBuilder) -> MultibodyPlant:
+        return add_cell(builder, cell.robot, [*cell.bodies, *([Pedestal(height)] if height else [])], cell.params).plant
+
     write_replay(
-        path, run.rig.cell.copy_to, slow.time, slow["position"], overlays, camera=((1.2, -3.0, 2.2), (0.5, 0.0, 1.0)),
-        title=f"{title} Ball above the robot: {words}. Red arrow: contact force.",
+        path, build, slow.time, slow["position"], overlays, camera=((1.2, -3.0, 2.2), (0.5, 0.0, 1.0)),
+        title=f"{title} Ball above the robot: {words}. Red arrow: contact force.", captions=captions_of(run),
     )  # fmt: skip
+
+
+def captions_of(run: CellRun) -> list[str]:
+    """Return of each frame state, reason, separation, and the energy that a contact would have at the allowed speed."""
+    slow, fast = run.slow, run.fast
+    rows, told = np.searchsorted(fast.time, slow.time - 1e-9).clip(0, len(fast.time) - 1), []
+    for k, row in enumerate(rows):
+        state, why = CellState(int(fast["state"][row, 0])), Event(int(fast["reason"][row, 0]))
+        energy = slow["energy"][k, 0] * slow["speed_limit"][k, 0] ** 2
+        apart, force = slow["separation"][k, 0], float(np.linalg.norm(fast["touch"][row, :3]))
+        told.append(
+            f"{slow.time[k]:4.1f} s   robot {WORDS[state]} ({why.name.lower().replace('_', ' ')})"
+            f"   separation {_told(apart, 'm')}   energy of a contact {_told(energy, 'J')}"
+            f" of {_told(slow['energy_limit'][k, 0], 'J')}   contact force {_told(force, 'N')}"
+        )
+    return told
+
+
+def _told(value: float, unit: str) -> str:
+    return f"{value:.2f} {unit}" if np.isfinite(value) else "–"
 
 
 def _name(color: str) -> str:

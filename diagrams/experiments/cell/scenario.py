@@ -1,7 +1,7 @@
 """What the safe cell's trials depend on: robot, job, cameras and people."""
 
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +18,12 @@ from saphari_drake.pipelines.safe_cell.job_path import Job
 from saphari_drake.pipelines.safe_cell.parameters import SafeCellParameters
 from saphari_drake.robots import catalog
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.nearness import surface_of
 from saphari_drake.simulation.people.compliant_people import PeopleParameters
 from saphari_drake.simulation.people.guiding_hands import Hand
-from saphari_drake.simulation.people.performance import PerformanceParameters
+from saphari_drake.simulation.people.performance import PerformanceParameters, performance
+from saphari_drake.simulation.people.skeleton import segment_ends
+from saphari_drake.simulation.people.touching import Touches, touches
 from saphari_drake.simulation.runner.plant_scenario import PlantScenario
 from saphari_drake.simulation.sensors.depth_noise import SamplerParameters
 from saphari_drake.simulation.sensors.force_torque_sensor import ForceTorqueSensorParameters
@@ -32,6 +35,11 @@ Array = NDArray[np.float64]
 # The ways to be beside people that are compared: all methods under the supervisor; a robot that keeps its distance and
 # stops when it cannot; one that also stops at every contact; one that is always as slow as a contact may be hard.
 WAYS = ("supervised", "separation", "stop_at_contact", "force_limited")
+
+# m, from the robot, where recorded people begin at least, and how many places are tried.
+BEGIN_APART, TRIES = 0.1, 200
+# m; where the path of the platform's arm is, from where that of the fixed one is.
+FARTHER = (0.25, 0.0, 0.1)
 
 
 def _camera(position: list[float]) -> CameraParameters:
@@ -139,9 +147,30 @@ def person_of(scenario: CellScenario, trial: int) -> PerformanceParameters:
     if not files:
         raise ParameterError("recordings", f"no .bvh file in '{scenario.recordings}'")
     person.file = str(files[trial % len(files)])
-    person.spot = [rng.uniform(0.75, 1.15), rng.uniform(-0.3, 0.3)]
+    person.spot = _spot(scenario, rng)
     person.yaw, person.start = rng.uniform(150.0, 210.0), rng.uniform(0.0, 5.0)
-    return person
+    return _clear_of_robot(scenario, person, rng)
+
+
+def _spot(scenario: CellScenario, rng: np.random.Generator) -> list[float]:
+    farther = FARTHER[0] if scenario.case == "mobile" else 0.0
+    return [rng.uniform(0.75, 1.15) + farther, rng.uniform(-0.3, 0.3)]
+
+
+def _clear_of_robot(
+    scenario: CellScenario, person: PerformanceParameters, rng: np.random.Generator
+) -> PerformanceParameters:
+    """Return the first, of a person and others who begin elsewhere and at another time, who does not begin in it."""
+    robot = at_start(robot_of(scenario), scenario)
+    surface, motion = surface_of(robot), robot.kinematics(robot.home).motion
+    recorded, flesh = performance(replace(person, spot=[0.0, 0.0]), scenario.people.sizes), scenario.people.flesh(1)
+    for _ in range(TRIES):
+        begin = recorded._replace(start=person.start).at(0.0) + np.array([*person.spot, 0.0])
+        ends = segment_ends(begin, scenario.people.sizes)
+        if Touches(*touches(surface, motion, ends, 0.0 * ends, flesh)).gap.min() > BEGIN_APART:
+            return person
+        person = replace(person, spot=_spot(scenario, rng), start=rng.uniform(0.0, 5.0))
+    raise ParameterError("recordings", f"the person of '{person.file}' nowhere begins {BEGIN_APART} m away")
 
 
 def for_way(scenario: CellScenario, way: str) -> SafeCellParameters:
@@ -149,6 +178,7 @@ def for_way(scenario: CellScenario, way: str) -> SafeCellParameters:
     params = deepcopy(scenario.pipeline)
     if way in ("separation", "stop_at_contact"):
         params.signals.limit = "separation"
+        params.verified_stop.touch = False
     if way == "force_limited":
         params.signals.limit = "force"
         params.force_limit.reach = 10.0

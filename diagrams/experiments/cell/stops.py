@@ -1,5 +1,6 @@
 """Stops of a robot at full braking, over speed and posture, measured in its simulation."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -7,13 +8,14 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
+from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.math.tree import REVOLUTE
+from saphari_drake.pipelines.safe_cell.parameters import SafeCellParameters
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.joint_envelope.system import JointEnvelope
 from saphari_drake.safety.nearness import fastest_end, posed, surface_of
 from saphari_drake.safety.speed_separation.stopping import EXTENSIONS, StoppingTable, extension_of
-from saphari_drake.safety.torque_limit import TorqueLimit
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import Cell, add_cell
@@ -46,24 +48,25 @@ class StopRig(NamedTuple):
 
 
 def build_stop_rig(robot: RobotModel, truth: Truth | None = None) -> StopRig:
-    """Build plant, sensor, velocity envelope, servo and torque limit, as the safe cell has them."""
-    builder, truth = DiagramBuilder(), truth or Truth()
+    """Build plant, sensor, velocity envelope, servo and joint envelope, as the safe cell has them."""
+    builder, truth, own = DiagramBuilder(), truth or Truth(), SafeCellParameters()
     cell = add_cell(builder, robot, (), PlantParameters(time_step=STEP), truth)
     exact = JointSensorParameters(period=STEP, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
-    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot))
-    servo = JointVelocityServo(robot, JointServoParameters(gain=100.0, integral_gain=2500.0))
-    builder.AddNamedSystem("joint_servo", servo)
-    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, STEP))
+    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, own.velocity_envelope))
+    servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, own.servo))
+    exactly = replace(own.envelope, velocity_age=0.0)
+    limit = builder.AddNamedSystem("joint_envelope", JointEnvelope(robot, exactly))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
     builder.Connect(envelope.GetOutputPort("velocity_applied"), servo.GetInputPort("velocity_commanded"))
     connect(
         builder,
-        (sensor, "position_measured", dynamics, envelope),
-        (sensor, "velocity_measured", dynamics),
+        (sensor, "position_measured", dynamics, envelope, limit),
+        (sensor, "velocity_measured", dynamics, limit),
         (dynamics, "dynamics", servo),
         (servo, "torque_commanded", limit),
+        (limit, "torque_applied", servo),
     )
     builder.Connect(limit.GetOutputPort("torque_applied"), cell.torque_input)
     builder.ExportInput(envelope.GetInputPort("velocity_commanded"), "velocity_commanded")

@@ -66,9 +66,10 @@ def add_safe_cell(
 ) -> SafeCell:
     """Add all systems of the safe cell, and connect them.
 
-    Cameras → people → monitors and predictive controller; its velocity, as far as the supervisor lets it, → velocity
-    envelope → servo. Residual, cameras → contact controller. Skin, wrist sensor → guiding. The supervisor names the
-    torque that passes → command switch → joint envelope. `recover` of the supervisor is left to connect.
+    Cameras → people → monitors and predictive controller; its velocity, as far as the supervisor lets it, → verified
+    stop → velocity envelope → servo. Residual, cameras → contact controller. Skin, wrist sensor → guiding. The
+    supervisor names the torque that passes → command switch → joint envelope. `recover` of the supervisor is left to
+    connect.
     """
     params = params or SafeCellParameters()
     params.__post_init__()
@@ -105,12 +106,14 @@ def add_safe_cell(
         (people, "obstacles", job.nmpc, "obstacles"),
         (people, "obstacles", job.separation, "people"),
         (people, "obstacles", job.force_limit, "people"),
+        (people, "obstacles", job.stop, "people"),
         (contact.detector, "contact", supervisor, "touched"),
         (contact.controller, "selection", supervisor, "contact_selection"),
         (job.servo, "torque_commanded", choice, "torque_job"),
         (contact.controller, "torque_commanded", choice, "torque_contact"),
         (guiding.controller, "torque_commanded", choice, "torque_guiding"),
-        (envelope, "torque_mean", contact.observer, "torque_applied"),
+        (envelope, "torque_acting", contact.window, "torque_acting"),
+        (envelope, "torque_applied", job.servo, "torque_applied"),
         (contact.localizer, "camera_status", gate, "camera"),
         (guiding.skin, "skin_status", gate, "skin"),
         (switch, "system_status", gate, "joint state"),

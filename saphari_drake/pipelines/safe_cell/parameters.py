@@ -1,7 +1,7 @@
 """What the safe cell is told: numbers, measured ports, robot, job and cameras."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ from saphari_drake.safety.power_force.parameters import PowerForceParameters
 from saphari_drake.safety.speed_separation.parameters import SpeedSeparationParameters
 from saphari_drake.safety.supervisor.parameters import SupervisorParameters
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
+from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters
 
 Image = NDArray[np.float32]
 
@@ -68,14 +69,26 @@ class SafeCellParameters:
     guiding: HandGuidingParameters = field(default_factory=HandGuidingParameters)
     switch: CommandSwitchParameters = field(default_factory=CommandSwitchParameters)
     # Its torque rate is that of drives with a servo of their own: with 1000 Nm/s, that of a torque interface, a stop at
-    # full braking swings about rest. Assumed.
-    envelope: JointEnvelopeParameters = field(default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4))
-    # Of the job's velocity, at the robot's own rate.
+    # full braking swings about rest. Its speed margin is for people who push harder within the lag of the observer: 500
+    # Nm/s over 20 ms are some rad/s² for some ms. Assumed.
+    envelope: JointEnvelopeParameters = field(
+        default_factory=lambda: JointEnvelopeParameters(torque_rate=3.0e4, speed_margin=0.03)
+    )
+    # Of the job's velocity, at the robot's own rate; the rate of the torque is that of `envelope`.
     velocity_envelope: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
+    # Behind what the supervisor lets pass; its motion is that of the velocity envelope, its people are those of the
+    # monitors.
+    verified_stop: VerifiedStopParameters = field(
+        default_factory=lambda: VerifiedStopParameters(envelope_behind=True, touch=True, people_timeout=0.2)
+    )
     servo: JointServoParameters = field(default_factory=lambda: JointServoParameters(gain=100.0, integral_gain=2500.0))
 
     def __post_init__(self) -> None:
         require_positive(self, "period")
+        self.velocity_envelope.torque_rate = self.envelope.torque_rate
+        self.verified_stop.motion = replace(self.velocity_envelope, period=self.period)
+        self.verified_stop.contact = self.force_limit
+        self.verified_stop.person_speed = self.separation.person_speed
         for part in (self.signals, self.supervisor, self.skin, self.wrist, self.guiding, self.switch, self.tracker):
             part.period = self.period
         share_period(self, "observer", "detector", "monitor", "contact")

@@ -13,6 +13,7 @@ from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.estimation.contact_force import ContactForceEstimator
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
 from saphari_drake.estimation.momentum_observer import MomentumObserver
+from saphari_drake.estimation.torque_window import TorqueWindow
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.obstacles.merge import MergedObstacles
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
@@ -31,6 +32,7 @@ from saphari_drake.safety.contact_monitor import ContactMonitor
 from saphari_drake.safety.power_force.system import PowerForceLimit
 from saphari_drake.safety.speed_separation.system import SpeedSeparation
 from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
+from saphari_drake.safety.verified_stop.system import VerifiedStop
 from saphari_drake.systems import connect
 
 
@@ -58,13 +60,14 @@ class JobParts(NamedTuple):
     force_limit: PowerForceLimit
     choice: SpeedChoice
     scaled: ScaledVelocity
+    stop: VerifiedStop
     servo: JointVelocityServo
 
 
 def add_job(
     builder: DiagramBuilder, setup: CellSetup, measured: CellMeasurements, params: SafeCellParameters
 ) -> JobParts:
-    """Add the predictive controller, its job, monitors and servo."""
+    """Add the predictive controller, its job, monitors, verified stop and servo."""
     robot, add, own = setup.robot, builder.AddNamedSystem, params.job
     envelope = add("velocity_envelope", VelocityEnvelope(robot, params.velocity_envelope))
     fast = add("servo_dynamics", RobotDynamics(robot))
@@ -77,6 +80,7 @@ def add_job(
         add("power_force", PowerForceLimit(robot, params.force_limit)),
         add("speed_choice", SpeedChoice(params.signals)),
         add("scaled_velocity", ScaledVelocity(robot.n)),
+        add("verified_stop", VerifiedStop(robot, params.verified_stop)),
         add("joint_servo", JointVelocityServo(robot, params.servo)),
     )
     connect(
@@ -92,7 +96,9 @@ def add_job(
         (measured.joint_state.position, envelope, "position_measured"),
         (parts.separation.GetOutputPort("speed_scale"), parts.choice, "scale_separation"),
         (parts.force_limit.GetOutputPort("speed_scale"), parts.choice, "scale_force"),
-        (parts.scaled.GetOutputPort("velocity_applied"), envelope, "velocity_commanded"),
+        (measured.position, parts.stop, "position_measured"),
+        (parts.scaled.GetOutputPort("velocity_applied"), parts.stop, "velocity_commanded"),
+        (parts.stop.GetOutputPort("velocity_applied"), envelope, "velocity_commanded"),
         (envelope.GetOutputPort("velocity_applied"), parts.servo, "velocity_commanded"),
     ):
         builder.Connect(source, system.GetInputPort(name))
@@ -103,6 +109,7 @@ class ContactParts(NamedTuple):
     """What answers a touch."""
 
     observer: MomentumObserver
+    window: TorqueWindow
     detector: ContactDetector
     localizer: ContactLocalizer
     monitor: ContactMonitor
@@ -118,8 +125,11 @@ def add_contact(
     localizer = ContactLocalizer(
         robot, list(setup.cameras), params.localizer, list(setup.backgrounds), period=params.period
     )
+    # The window tells the observer just what changes a difference of positions: no delay is left to tell.
+    differenced, exact = params.observer.velocity_delay > 0.0, replace(params.observer, velocity_delay=0.0)
     parts = ContactParts(
-        add("momentum_observer", MomentumObserver(robot, params.observer)),
+        add("momentum_observer", MomentumObserver(robot, exact)),
+        add("torque_window", TorqueWindow(robot.n, params.envelope.period, params.period, differenced)),
         add("contact_detector", ContactDetector(robot.n, params.detector)),
         add("contact_localizer", localizer),
         add("contact_monitor", ContactMonitor(robot, params.monitor)),
@@ -138,6 +148,7 @@ def add_contact(
         (parts.force, "contact_force", parts.controller),
         (parts.force, "misfit", parts.controller),
     )
+    builder.Connect(parts.window.GetOutputPort("torque_mean"), parts.observer.GetInputPort("torque_applied"))
     builder.Connect(parts.monitor.GetOutputPort("active_contact"), parts.force.GetInputPort("contact_point"))
     builder.Connect(measured.position, localizer.GetInputPort("position_measured"))
     several = len(setup.cameras) > 1

@@ -69,17 +69,17 @@ def permitted_speed(limits, robot, clamped):
 
 
 @njit(cache=True)
-def is_clamped(surface, poses, s, p_WN, u, thickness, rule):
+def is_clamped(surface, poses, s, p_WP, u, thickness, rule):
     """Return whether a wall, the floor or another link is behind a person that shape s pushes along u (world).
 
-    Looked for from the nearest point p_WN of the robot on, as far as the person is thick and the gap more. The link of
+    Looked for from the nearest point p_WP of the person on, as far as the person is thick and the gap more. The link of
     the shape, and the ones beside it, do not clamp: they are on the robot's side.
     """
     point, end, walls = np.empty(3), thickness + rule.gap, rule.walls
     count = int(end / _STEP) + 1
     for i in range(1, count + 1):
         for k in range(3):
-            point[k] = p_WN[k] + u[k] * end * i / count
+            point[k] = p_WP[k] + u[k] * end * i / count
         for w in range(walls.kind.shape[0]):
             if surface_point(walls.kind[w], walls.size[w], walls.R[w], walls.p[w], point)[0] <= 0.0:
                 return True
@@ -128,8 +128,8 @@ def contact_scale(surface, motion, M, v, people, head, rule):
             robot = effective_mass(L, row)
             if not head[o] and closing <= worst * permitted_speed(rule.limits, robot, True)[0]:
                 continue  # no worse than another, clamped or not
-            thickness = min(2.0 * people.radius[o] + max(away - people.radius[o], 0.0), rule.thickest)
-            clamped = is_clamped(surface, poses, s, p_WN, u, thickness, rule)
+            p_WP = p_WN + max(away - people.radius[o], 0.0) * u  # of the person, nearest to the robot
+            clamped = is_clamped(surface, poses, s, p_WP, u, min(2.0 * people.radius[o], rule.thickest), rule)
             speed, limit, mass = permitted_speed(rule.limits, robot, clamped)
             if head[o]:
                 speed, limit = 0.0, 0.0

@@ -22,6 +22,8 @@ class VelocityEnvelopeParameters:
     acceleration_max: list[float] = field(default_factory=lambda: [np.inf])
     # s, in which an acceleration rises from zero to its largest. Assumed; Franka's limits for the Panda give 0.002.
     rise_time: float = 0.01
+    # Nm/s (N/s), largest rate of a joint's torque, that of the `JointEnvelope` behind; infinite: any.
+    torque_rate: float = np.inf
     # Share of the torque limits kept for pushes and for what the servo corrects. Assumed.
     torque_reserve: float = 0.1
     # Share of the velocity limits at which all joints are taken to move at once. Assumed.
@@ -42,6 +44,8 @@ class VelocityEnvelopeParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "rise_time", "postures", "period")
+        if not self.torque_rate > 0.0:
+            raise ParameterError("torque_rate", f"must be positive, got {self.torque_rate}")
         require_non_negative(self, "position_margin", "lag")
         if not self.stale_time > 0.0:
             raise ParameterError("stale_time", f"must be positive, got {self.stale_time}")
@@ -70,6 +74,7 @@ def bounds_of(robot: RobotModel, params: VelocityEnvelopeParameters) -> Bounds:
     All joints at once may accelerate in any directions: Σ_j |M_ij| A_j + |C q̇ + g|_i ≤ (1 − torque_reserve) τ_max,i.
     That holds over random postures within the limits, each joint at rest or at ±speed_share of its speed: evidence, no
     proof, for what lies between. First all get the same share of what is wanted, then single joints what is left over.
+    The jerks J of all joints at once keep the rate of the torque: Σ_j |M_ij| J_j ≤ (1 − torque_reserve) τ̇_max.
 
     Raises
     ------
@@ -87,12 +92,16 @@ def bounds_of(robot: RobotModel, params: VelocityEnvelopeParameters) -> Bounds:
         joint = robot.joint_names[int(np.argmin(left.min(axis=0)))]
         raise ParameterError("torque_reserve", f"joint '{joint}' cannot hold its load with what is left")
     acceleration = _shared(inertia, left, wanted, robot.v_max)
+    jerk = acceleration / params.rise_time
+    if np.isfinite(params.torque_rate):
+        rate = np.full(n, (1.0 - params.torque_reserve) * params.torque_rate)
+        jerk = np.minimum(jerk, _shared(inertia, rate, np.full(n, np.inf), robot.v_max))
     return Bounds(
         robot.q_min + params.position_margin,
         robot.q_max - params.position_margin,
         (1.0 - params.speed_margin) * robot.v_max,
         acceleration,
-        acceleration / params.rise_time,
+        jerk,
         params.position_margin + params.lag * robot.v_max,
         params.period,
     )

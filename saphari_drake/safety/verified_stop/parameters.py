@@ -11,9 +11,12 @@ from saphari_drake.math.primitives import BOX
 from saphari_drake.math.tree import PRISMATIC, Tree
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.power_force.parameters import PowerForceParameters
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 
 Array = NDArray[np.float64]
+# A ramp that turns from +A to −A is followed with jerk J within this times A/J.
+_TURN = 1.5
 
 
 @dataclass
@@ -22,6 +25,8 @@ class VerifiedStopParameters:
 
     # The stop: accelerations that the motors surely give, cycle, lag and margins to the limits of the joints.
     motion: VelocityEnvelopeParameters = field(default_factory=VelocityEnvelopeParameters)
+    # Whether a `VelocityEnvelope` with the same motion comes after it, whose jerk lets a stop begin later.
+    envelope_behind: bool = False
     # m/s, with which people come nearer. ISO 13855: 1.6 walking, 2.0 with a hand; a point does not tell which it is.
     person_speed: float = 2.0
     # m, error of a person's points. Assumed.
@@ -34,6 +39,9 @@ class VerifiedStopParameters:
     # s; people and things seen longer ago than this count as lost, and commands made longer ago as well.
     people_timeout: float = 0.5
     command_timeout: float = 0.25
+    # Whether people may be touched while the robot moves, as softly as `contact` has it; its `reach` is not used.
+    touch: bool = False
+    contact: PowerForceParameters = field(default_factory=PowerForceParameters)
     # Intervals of a stop, each checked as a whole (≥ 1).
     intervals: int = 10
 
@@ -71,6 +79,7 @@ def body_of(robot: RobotModel, params: VerifiedStopParameters) -> Body:
         As `bounds_of` does.
     """
     bounds, shapes = bounds_of(robot, params.motion), robot.shapes
+    rise = bounds.acceleration / bounds.jerk
     moving = np.flatnonzero(shapes.link >= 0)
     boxes = shapes.kind[moving] == BOX
     size = shapes.size[moving]
@@ -90,7 +99,7 @@ def body_of(robot: RobotModel, params: VerifiedStopParameters) -> Body:
         bounds.v_max,
         bounds.acceleration,
         bounds.period,
-        params.motion.lag + 0.5 * bounds.period,
+        params.motion.lag + 0.5 * bounds.period + params.envelope_behind * _TURN * float(rise.max()),
     )
 
 

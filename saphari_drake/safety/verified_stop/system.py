@@ -7,8 +7,13 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.safety.nearness import Balls, balls_of, surface_of
+from saphari_drake.safety.power_force.law import Rule, heads
+from saphari_drake.safety.power_force.parameters import walls_of
+from saphari_drake.safety.power_force.regions import limits_of, read_regions
 from saphari_drake.safety.verified_stop.law import Checked, StopStatus, Surroundings, checked_velocity
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters, body_of
+from saphari_drake.safety.verified_stop.touch import Touch
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
@@ -52,13 +57,16 @@ class VerifiedStop(LeafSystem):
         where nobody is or the robot stands, NaN while that is not known.
     stop_time : 1 (s), that this stop takes.
 
-    Law and guarantee: `checked_velocity`. The robot stands at the start.
+    Law and guarantee: `checked_velocity`; which touches are soft: `PowerForceLimit`. The robot stands at the start.
     """
 
     def __init__(self, robot: RobotModel, params: VerifiedStopParameters | None = None) -> None:
         super().__init__()
         self._params = params or VerifiedStopParameters()
-        self.body = body_of(robot, self._params)
+        self.body, self._surface = body_of(robot, self._params), surface_of(robot)
+        c = self._params.contact
+        limits = limits_of(read_regions(c.regions_file), c.regions)
+        self._rule = Rule(limits, walls_of(c.structures), np.inf, c.clamp_gap, c.thickest, c.still)
         n, zero, points = robot.n, np.zeros(robot.n), AbstractValue.Make(ObstaclePoints())
         self._position = self.DeclareVectorInputPort("position_measured", BasicVector(n))
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(n))
@@ -66,7 +74,8 @@ class VerifiedStop(LeafSystem):
         self._people = self.DeclareAbstractInputPort("people", points)
         self._things = self.DeclareAbstractInputPort("things", points)
         rest = Checked(zero, int(StopStatus.PASSING), np.inf, 0.0)
-        checked_velocity(self.body, 1, robot.home, zero, 1e-3 * self.body.v_max, True, NOTHING)  # compiles
+        given = self.body, 1, robot.home, zero, 1e-3 * self.body.v_max, True, NOTHING, self._touch(ObstaclePoints())
+        checked_velocity(*given)  # compiles
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(rest)))
         state = {self.abstract_state_ticket(self._memory)}
         output = declare_cache(self, "checked", rest, lambda context: self._remembered(context), state)
@@ -93,10 +102,13 @@ class VerifiedStop(LeafSystem):
                 fault = StopStatus.STALE
         if not (np.isfinite(q).all() and np.isfinite(command).all()):
             fault = StopStatus.BAD_INPUT
+        touch = self._touch(ObstaclePoints())
+        if fault is None and self._people.HasValue(context):
+            touch = self._touch(self._people.Eval(context))
         if fault is not None:
             q, command = 0.0 * before, 0.0 * before
         checked = Checked(
-            *checked_velocity(self.body, self._params.intervals, q, before, command, fault is None, around)
+            *checked_velocity(self.body, self._params.intervals, q, before, command, fault is None, around, touch)
         )
         if fault is not None:
             checked = checked._replace(status=int(fault))
@@ -115,6 +127,14 @@ class VerifiedStop(LeafSystem):
         if not parts:
             return None, NOTHING
         return None, Surroundings(*(np.concatenate(column) for column in zip(*parts)))
+
+    def _touch(self, people: ObstaclePoints) -> Touch | None:
+        """Return whom the robot may touch: people, who come first in the surroundings, but for their heads."""
+        c, seen = self._params.contact, balls_of(people)
+        if not self._params.touch or seen is None:
+            return None
+        which = np.flatnonzero(~heads(seen.p, seen.radius, c.head_height, c.person_width))
+        return Touch(self._surface, self._rule, Balls(seen.p[which], seen.v[which], seen.radius[which]), which)
 
     def _balls(self, points: ObstaclePoints, age: float, port: InputPort, speed: float) -> Surroundings:
         p, count = self._params, len(points.p_WO)

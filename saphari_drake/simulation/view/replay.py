@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -43,6 +44,7 @@ def write_replay(
     fps: float = 30.0,
     camera: ArrayLike = ((1.5, 1.1, 1.0), (0.0, 0.0, 0.5)),
     title: str = "",
+    captions: Sequence[str] = (),
 ) -> None:
     """Write one HTML file that plays a log, or an animated picture of it, or add it to an MCAP file.
 
@@ -64,6 +66,8 @@ def write_replay(
         Where the viewer stands and the point looked at, in the world (m); of the page the direction alone: `framed`.
     title : str
         Text shown at the top of the page.
+    captions : sequence of str
+        What is told below it in words, one for each of `times`; of the page alone. Empty: nothing.
 
     Raises
     ------
@@ -78,6 +82,8 @@ def write_replay(
     names = [overlay.name for overlay in overlays]
     if len(set(names)) != len(names):
         raise ParameterError("overlays", f"each needs a name of its own, got {', '.join(names)}")
+    if captions and len(captions) != stamps.size:
+        raise ParameterError("captions", f"needs one for each of {stamps.size} times, got {len(captions)}")
     animated = not isinstance(path, McapFile) and Path(path).suffix == ".gif"
     fps = min(fps, ANIMATION_FPS) if animated else fps
     frame_times = stamps[0] + np.arange(int((stamps[-1] - stamps[0]) * fps + 1e-9) + 1) / fps
@@ -103,7 +109,7 @@ def write_replay(
     meshcat.PublishRecording()
     markers = [item.position for item in overlays if isinstance(item, Marker) and item.visible is None]
     meshcat.SetCameraPose(*framed(plant, frames, camera, markers))
-    write_text(path, _with_title(meshcat.StaticHtml(), title))
+    write_text(path, _with_captions(_with_title(meshcat.StaticHtml(), title), stamps - stamps[0], captions))
 
 
 def start_meshcat(params: MeshcatParams | None = None) -> Meshcat:
@@ -173,3 +179,19 @@ def _with_title(page: str, title: str) -> str:
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{text}</title>", 1)
     head, body, rest = page.rpartition("</body>")
     return f'{head}<div style="{style}">{text}</div>{body}{rest}'
+
+
+def _with_captions(page: str, times: Array, captions: Sequence[str]) -> str:
+    """Return a page that shows of its captions, from their times (s) on, the one of the moment that is played."""
+    if not captions:
+        return page
+    new = [k for k, text in enumerate(captions) if k == 0 or text != captions[k - 1]]
+    known = json.dumps([[round(float(times[k]), 3), captions[k]] for k in new]).replace("<", "\\u003c")
+    style = "position:fixed;bottom:0.8em;left:0.8em;pointer-events:none;z-index:10;font:20px monospace;color:#222"
+    script = (
+        f"const known = {known}; setInterval(() => {{ const now = viewer.animator.time; let text = known[0][1]; "
+        "for (const [time, told] of known) if (time <= now + 1e-6) text = told; "
+        'document.getElementById("caption").textContent = text; }, 50);'
+    )
+    head, body, rest = page.rpartition("</body>")
+    return f'{head}<div id="caption" style="{style};white-space:pre"></div><script>{script}</script>{body}{rest}'

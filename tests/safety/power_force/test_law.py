@@ -126,3 +126,12 @@ def test_a_head_is_the_top_of_each_person():
     sitting = np.array([[3.0, 0.0, 1.2], [3.0, 0.0, 0.8]])
     assert heads(np.vstack([person, sitting]), np.full(5, 0.05), 0.3, 0.5).tolist() == [True, False, False, True, False]
     assert not heads(person, np.zeros(3), 0.0, 0.5).any()
+
+
+@pytest.mark.parametrize(("behind", "clamps"), [(0.04, True), (0.40, False)])
+def test_a_wall_clamps_whom_it_stands_behind_however_far_the_robot_is(lwr4, behind, clamps):
+    """What clamps is looked for from the person on, not from the robot."""
+    ball, v = before_the_flange(lwr4, 0.5)
+    ahead = (ball - before_the_flange(lwr4)[0]) / 0.5
+    wall = Structure(middle=(ball + (0.03 + behind) * ahead).tolist(), size=[0.06] * 3)
+    assert contact(lwr4, ball, 3.0 * v, rule_of(structures=[wall], reach=0.6))[4] == clamps

@@ -130,3 +130,16 @@ def test_bad_parameters_are_named(field):
         VelocityEnvelopeParameters(**{field: -1.0})
     with pytest.raises(ParameterError, match="acceleration_max"):
         VelocityEnvelopeParameters(acceleration_max=[0.0])
+
+
+@pytest.mark.parametrize("name", ["lwr4", "omnirob"])
+def test_all_jerks_at_once_keep_the_rate_of_the_torque(name, tmp_path):
+    """In postures that the bounds were not found in; without it a platform asks for more than its drives give."""
+    robot, rng, rate = robot_of(name, tmp_path), np.random.default_rng(5), 3.0e4
+    low, high = np.maximum(robot.q_min, -np.pi), np.minimum(robot.q_max, np.pi)
+    M = np.abs([evaluate_dynamics(robot, rng.uniform(low, high), np.zeros(robot.n)).M for _ in range(300)])
+    kept, free = (bounds_of(robot, VelocityEnvelopeParameters(torque_rate=x)).jerk for x in (rate, np.inf))
+    assert (M @ kept).max() <= rate
+    assert np.all(kept <= free)
+    if name == "omnirob":
+        assert (M @ free).max() > 3.0 * rate

@@ -1,14 +1,24 @@
 """Adversaries command the robot and run at it: they may touch it where it stands, never while it moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from saphari_drake.math.primitives import BOX
 from saphari_drake.robots import catalog
+from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.safety.nearness import Balls, surface_of
+from saphari_drake.safety.power_force.law import Contact, Rule, contact_scale
+from saphari_drake.safety.power_force.parameters import PowerForceParameters, walls_of
+from saphari_drake.safety.power_force.regions import limits_of, read_regions
+from saphari_drake.safety.velocity_envelope.law import Course, limited_velocity
+from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters, bounds_of
 from saphari_drake.safety.verified_stop.law import StopStatus, Surroundings, checked_velocity, stop_margin
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters, body_of
+from saphari_drake.safety.verified_stop.touch import Touch
 
-SPEED, RADIUS = 2.0, 0.08
+SPEED, RADIUS, PERIOD = 2.0, 0.08, 0.005
 
 
 def surface(robot, q, points):
@@ -150,3 +160,52 @@ def test_a_joint_at_its_limit_stops_in_time(lwr4):
         q = q + 0.001 * v
         assert np.all(q <= lwr4.q_max)
     assert np.min(lwr4.q_max - q) < 0.1
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_people_may_be_touched_softly_if_that_is_allowed(soft):
+    """Driven at a person beyond the reach of its stop: it gets there as fast as a touch may be, or stands before."""
+    robot, params = catalog.load("lwr4"), VerifiedStopParameters()
+    body, outside, contact = body_of(robot, params), surface_of(robot), PowerForceParameters()
+    limits = limits_of(read_regions(""), contact.regions)
+    rule = Rule(limits, walls_of(contact.structures), np.inf, contact.clamp_gap, contact.thickest, contact.still)
+    q, v, command = robot.home.copy(), np.zeros(7), np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    turned = q.copy()
+    turned[0] += 0.6
+    person = np.atleast_2d(robot.kinematics(turned).p_WL[-1])
+    people = Balls(person, 0.0 * person, np.array([RADIUS]))
+    touch = Touch(outside, rule, people, np.array([0]))
+    fastest = 0.0
+    for _ in range(3000):
+        given = body, 10, q, v, command, True, balls(person)
+        v = checked_velocity(*given, touch)[0] if soft else checked_velocity(*given)[0]
+        q, fastest = q + params.motion.period * v, max(fastest, v.max())
+        terms = evaluate_dynamics(robot, q, v)
+        near = surface(robot, q, person).min() - RADIUS
+        if near <= 0.0:
+            break
+    assert (near <= 0.0) == soft
+    assert fastest > 0.5
+    allowed = Contact(*contact_scale(outside, terms.motion, terms.M, v, people, np.array([False]), rule))
+    assert v.max() > 0.1 if soft else v.max() == 0.0
+    assert allowed.scale > 0.99
+
+
+def test_an_envelope_behind_follows_a_stop_within_the_time_that_is_held_for_it():
+    """The platform turned from full acceleration to a stop, its jerk that of slow drives: no farther than foreseen."""
+    robot, motion = catalog.omnirob(), VelocityEnvelopeParameters(torque_rate=3.0e4, period=PERIOD)
+    params = VerifiedStopParameters(motion=motion, envelope_behind=True)
+    body, bounds = body_of(robot, params), bounds_of(robot, replace(motion, period=0.001))
+    course = Course(robot.home.copy(), np.zeros(robot.n), np.zeros(robot.n))
+    v, told = np.zeros(robot.n), np.inf
+    for k in range(800):
+        if k % 5 == 0 and k < 60:  # while it accelerates
+            wish = np.zeros(robot.n)
+            wish[0] = 0.5
+            v = checked_velocity(body, 10, course.q, v, wish, True, balls(np.zeros((0, 3))))[0]
+            told = course.q[0] + v[0] * (body.period + body.hold + 0.5 * v[0] / body.deceleration[0])
+        elif k % 5 == 0:
+            v = checked_velocity(body, 10, course.q, v, 0.0 * v, True, balls(np.zeros((0, 3))))[0]
+        course = Course(*limited_velocity(bounds, course, course.q, v)[0])
+    assert abs(course.v[0]) < 1e-6
+    assert 0.01 < course.q[0] <= told

@@ -95,3 +95,15 @@ def test_a_clone_goes_on_as_the_original(lwr4):
 def test_bad_parameters_are_named(field):
     with pytest.raises(ParameterError, match=field):
         VerifiedStopParameters(**{field: -1})
+
+
+@pytest.mark.parametrize(("touch", "above", "passes"), [(True, 0.6, True), (True, 0.0, False), (False, 0.6, False)])
+def test_a_hand_may_be_touched_softly_but_no_head(lwr4, touch, above, passes):
+    """What is within 0.3 m of a person's top is its head; without leave nobody is touched while the robot moves."""
+    turned = lwr4.home.copy()
+    turned[0] += 0.35
+    tip, command = lwr4.kinematics(turned).p_WL[-1], np.array([0.2, 0, 0, 0, 0, 0, 0])
+    people = at(tip, tip + [0.0, 0.0, above])
+    b = Bench(stop_of(lwr4, touch=touch), position_measured=lwr4.home, velocity_commanded=command, people=people)
+    b.run(60, people=ObstaclePoints(people.p_WO, people.v_WO, people.radius, 0.2))
+    assert (b.read("velocity_applied")[0] > 0.19) == passes

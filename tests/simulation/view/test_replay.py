@@ -1,6 +1,7 @@
 """Replay: one file with every frame, the overlays in it, and nothing fetched from a network."""
 
 import base64
+import json
 import re
 
 import numpy as np
@@ -150,3 +151,15 @@ def test_an_animated_picture_shows_body_and_overlay(tmp_path):
     focal = 0.5 * 400 / np.tan(np.deg2rad(20.0))
     assert columns[-1] - columns[0] == pytest.approx(focal * 0.5 / 2.0, rel=0.03)
     assert not any(blue[:5]) and all(blue[6:])
+
+
+def test_the_page_tells_each_caption_from_its_own_time_on(tmp_path):
+    """One that lasts is written once; what looks like a tag stays text."""
+    told = ["waits <b>"] * 50 + ["works"] * 51
+    write_replay(tmp_path / "r.html", build, TIMES, POSITIONS, captions=told)
+    page = (tmp_path / "r.html").read_text()
+    known = json.loads(re.search(r"const known = (\[\[.*?\]\]);", page)[1])
+    assert known == [[0.0, "waits <b>"], [pytest.approx(TIMES[50] - TIMES[0]), "works"]]
+    assert "waits <b>" not in page
+    with pytest.raises(ParameterError, match="captions"):
+        write_replay(tmp_path / "r.html", build, TIMES, POSITIONS, captions=told[:-1])

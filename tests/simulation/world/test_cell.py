@@ -15,6 +15,7 @@ from saphari_drake.simulation.people.pushing_hand import Push, find_target
 from saphari_drake.simulation.world.cell import add_cell, contact_truth
 from saphari_drake.simulation.world.floor import Floor
 from saphari_drake.simulation.world.hand import HandParameters
+from saphari_drake.simulation.world.pedestal import Pedestal
 from saphari_drake.simulation.world.plant import PlantParameters
 from saphari_drake.simulation.world.pushing_hand import PushingHand
 
@@ -150,3 +151,15 @@ def test_bad_hand_parameters_are_named(field):
         HandParameters(**{field: 0.0})
     with pytest.raises(ParameterError, match=field):
         HandParameters(**{field: float("nan")})
+
+
+def test_a_pedestal_reaches_from_the_floor_to_the_base_and_is_only_seen():
+    """The plant moves and collides as without it."""
+    plain, cell = (add_cell(DiagramBuilder(), lwr4(), bodies) for bodies in ([], [Pedestal(0.6)]))
+    body, inspector = cell.plant.GetBodyByName("pedestal"), cell.scene_graph.model_inspector()
+    (shape,) = cell.plant.GetVisualGeometriesForBody(body)
+    X_WG = body.EvalPoseInWorld(cell.plant.CreateDefaultContext()) @ inspector.GetPoseInFrame(shape)
+    length = inspector.GetShape(shape).length()
+    np.testing.assert_allclose(X_WG.translation()[2] + 0.5 * length * np.array([-1.0, 1.0]), [0.0, 0.6], atol=1e-12)
+    assert not cell.plant.GetCollisionGeometriesForBody(body)
+    assert cell.plant.num_positions() == plain.plant.num_positions()

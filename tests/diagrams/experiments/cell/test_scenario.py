@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
+from bench import Bench
+from experiments.cell import scenario as scenarios
 from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
 from experiments.nmpc.jobs import pose_of
+from pydrake.systems.framework import DiagramBuilder
+from safe_cell import scenario_for
 from small_bvh import swinging, write_bvh
 
 from saphari_drake.errors import ParameterError, UnknownNameError
+from saphari_drake.simulation.people.compliant_people import CompliantPeople
+from saphari_drake.simulation.people.performance import performance
+from saphari_drake.simulation.world.cell import add_cell
 
 
 def test_the_same_seed_gives_the_same_people(tmp_path):
@@ -42,3 +49,32 @@ def test_a_job_begins_and_ends_where_the_robot_stands(case):
         np.testing.assert_allclose(job.pose(time)[1], p, atol=1e-9)
         np.testing.assert_allclose(job.pose(time)[0], R, atol=1e-9)
     assert np.linalg.norm(job.pose(0.5 * job.length)[1] - p) > 0.4
+
+
+def test_people_stand_beside_the_path_of_both_robots_alike():
+    """The made-up person is as far from the middle of the path, and reaches as near to it."""
+    away = []
+    for case in ("fixed", "mobile"):
+        scenario = scenario_for(case)
+        middle = job_of(robot_of(scenario), scenario).pose(0.25 * scenario.job_time)[1]
+        person = person_of(scenario, 0)
+        away.append([np.array(person.way[2][1:]) - middle[:2], np.array(person.reach_to)[:2] - middle[:2]])
+        assert person.reach_to[2] - middle[2] == pytest.approx(0.1, abs=0.01)
+    np.testing.assert_allclose(away[0], away[1], atol=0.01)
+
+
+def test_a_recorded_person_does_not_begin_in_the_robot(tmp_path, monkeypatch):
+    """Over seeds whose first spot would be inside as well; those that are clear stay where they are drawn."""
+    write_bvh(tmp_path / "a.bvh", swinging(20))
+    monkeypatch.setattr(scenarios, "BEGIN_APART", 0.3)  # the small person is clear of the robot almost everywhere
+    moved = 0
+    for seed in range(12):
+        scenario = CellScenario(seed=seed, recordings=str(tmp_path))
+        robot, person = at_start(robot_of(scenario), scenario), person_of(scenario, 0)
+        cell = add_cell(DiagramBuilder(), robot)
+        people = CompliantPeople(robot, cell.plant, cell.instance, [performance(person, scenario.people.sizes)])
+        bench = Bench(people, state=np.concatenate([robot.home, np.zeros(7)]))
+        assert bench.read("gap") > 0.3 - 1e-6
+        rng = np.random.default_rng([seed, 5, 0])
+        moved += not np.allclose(person.spot, [rng.uniform(0.75, 1.15), rng.uniform(-0.3, 0.3)])
+    assert 0 < moved < 12
