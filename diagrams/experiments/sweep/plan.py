@@ -113,7 +113,9 @@ def scenario_of(experiment: Experiment, plan: Plan, number: int, values: Mapping
 
     `values` are of the parameters that vary, by their dotted names.
     """
-    options = Namespace(case=[plan.case], scenario=None, seed=plan.seed, duration=None, plant=None, model=None)
+    options = Namespace(
+        case=[plan.case], scenario=None, seed=plan.seed, duration=None, plant=None, model=None, quick=False
+    )
     options.set = list(plan.settings)
     (scenario,) = scenarios_of(experiment, options)
     scenario = merged(scenario, plan.tree)
