@@ -25,8 +25,9 @@ class Found(NamedTuple):
     hidden: ContactTrack = ContactTrack()
     evidence: FusionMemory | None = None
     fusion: Fusion = NOTHING
-
-    near: bool = False  # whether what is seen lies so near that it touches, whatever explains the residual better
+    felt: bool = False  # whether a touch is felt
+    # Whether what is seen lies so near that it touches, whatever explains the residual better; or did in this touch.
+    near: bool = False
     doubted: bool = False  # whether something hidden explains it better
 
     @property
@@ -35,6 +36,11 @@ class Found(NamedTuple):
         if self.near or not self.doubted:
             return self.seen.contact
         return self.hidden.contact if self.hidden.contact.found else ContactPoint(stamp=self.seen.contact.stamp)
+
+
+def still_near(known: Found, seen: ContactPoint, felt: bool, near: float) -> bool:
+    """Return whether what is seen touches: it is as near as `near` (m), or has been so in the touch that is felt."""
+    return seen.found and (seen.distance <= near or (known.near and known.felt and felt))
 
 
 class ContactFinder:
@@ -74,9 +80,10 @@ class ContactFinder:
         seen = self._tracked(known.seen, views, at, places)
         evidence = self._law.remember(known.evidence or self._law.empty(), self._law.evidence(at, views))
         fusion = self._law.decide(evidence)
-        near = seen.contact.found and seen.contact.distance <= self._fusion.near
+        felt = self._law.felt(evidence.frames[-1])
+        near = still_near(known, seen.contact, felt, self._fusion.near)
         doubted = len(fusion.modes) > 0 and not fusion.modes[0].seen
-        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, near, doubted)
+        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, felt, near, doubted)
 
     def _tracked(
         self, track: ContactTrack, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]
