@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,19 @@ from saphari_drake.errors import ParameterError
 # it a cycle of 5 ms would sample a plant of 1 ms now before and now after its step.
 CYCLE_OFFSET = 1.0e-6
 
+
+def _drake_version() -> tuple[float, ...]:
+    """Return major and minor version; infinity where Drake was not installed by pip."""
+    try:
+        return tuple(int(number) for number in version("drake").split(".")[:2])
+    except PackageNotFoundError:
+        return (np.inf,)
+
+
 # At every step of a simulation pydrake looks in each Python system for a method of this name. That there is none it
 # remembers only where it finds one of its own instead: without it the search takes a microsecond a system and step.
-if not hasattr(LeafSystem, "DoGetWitnessFunctions"):
+# From 1.56 on pydrake would call what it finds, which would call itself.
+if _drake_version() < (1, 56) and not hasattr(LeafSystem, "DoGetWitnessFunctions"):
     LeafSystem.DoGetWitnessFunctions = LeafSystem.GetWitnessFunctions
 
 
