@@ -71,8 +71,9 @@ def find_touches(log: Log, robot: RobotModel, pushes: Sequence[Push]) -> list[To
         later = np.flatnonzero(pressed & (time > following))
         end = later[0] - 1 if len(later) else len(time) - 1
         release = int(inside[-1])
-        # A contact at the edge of release may be a graze: the point is that of the steady push.
-        sample = int(np.searchsorted(time, push.start + push.hold)) - 2
+        # A contact at the edge of release may be a graze: the point is that of the steady push, or of the last before.
+        steadily = int(np.searchsorted(time, push.start + push.hold)) - 2
+        sample = int(max(inside[inside <= steadily], default=inside[0]))
         truth = log["contact_truth"][sample]
         link, q = int(truth[6]), log["position"][sample]
         touches.append(Touch(push, int(inside[0]), release, int(end), link, in_link(robot, q, link, truth[3:6])))

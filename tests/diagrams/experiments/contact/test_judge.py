@@ -51,6 +51,19 @@ def test_touch_is_found_with_link_and_point(robot):
     np.testing.assert_allclose(touch.p_LC, POINT, atol=1e-9)
 
 
+def test_a_hand_that_slips_off_is_judged_where_it_was(robot):
+    """No contact any more at the end of the push: link and point are those of the last one."""
+    log = made_up_log(robot)
+    truth = log["contact_truth"].copy()
+    truth[log.time > 1.6] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]
+    slipped = Log(log.time)
+    slipped.add("position", log["position"], "rad")
+    slipped.add("contact_truth", truth, "N, m, index")
+    (touch,) = judge.find_touches(slipped, robot, [PUSH])
+    assert touch.link == 5 and slipped.time[touch.release] == pytest.approx(1.6)
+    np.testing.assert_allclose(touch.p_LC, POINT, atol=1e-9)
+
+
 def test_errors_are_those_put_in(robot):
     """Force, localization, delay and link errors come out as they were made."""
     log = made_up_log(robot)
