@@ -25,7 +25,7 @@ CASES = {
     "nonholonomic": "a platform that cannot slip sideways, on a path that moves sideways",
     "human": "a person who reaches across the path; the controller is told where the person is",
     "human_seen": "the same person; the controller knows what a depth camera sees, and nothing else",
-    "human_random": "the same with a random person for each seed, and with the time that computing takes",
+    "human_random": "a random person for each seed, whom a camera sees; computing takes its time",
 }
 BEHIND = (-1.0, 0.0, 0.0)  # where a person comes from who was not in view
 

@@ -31,7 +31,7 @@ from saphari_drake.control.nmpc.kinematics import advance, command_to, joint_vel
 from saphari_drake.control.nmpc.limits import feasible_start
 from saphari_drake.control.nmpc.parameters import NmpcReference, NmpcStatus
 from saphari_drake.control.nmpc.problem import NmpcProblem
-from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_dense
+from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_dense, solve_sqp_within
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus
 from saphari_drake.math.rotations import are_rotations
 from saphari_drake.messages import Immutable, ObstaclePoints, ObstacleStatus
@@ -108,7 +108,10 @@ def solve(problem: NmpcProblem, scene: Scene, guess: Array, iterations: int | No
     if iterations is None:
         iterations = 1 if p.mode == "real_time" else p.max_iterations
     options = SqpOptions(iterations, p.tolerance, p.slack_penalty, p.exact_hessian and iterations > 1)
-    at = (solve_sqp_dense if p.solver == "daqp" else solve_sqp)(data, scene, guess, options)
+    if p.deadline > 0.0 and p.solver == "active_set":
+        at = solve_sqp_within(data, scene, guess, options, p.deadline)
+    else:
+        at = (solve_sqp_dense if p.solver == "daqp" else solve_sqp)(data, scene, guess, options)
     stopped = NmpcStatus.REAL_TIME if iterations == 1 else NmpcStatus.UNCONVERGED
     return NmpcSolution(at.Q, _status(at.status, at.converged, stopped), at.solved, at.slack)
 

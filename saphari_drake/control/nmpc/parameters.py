@@ -95,6 +95,8 @@ class NmpcParameters:
     tolerance: float = 1.0e-4
     # Of the SQP, a control step.
     max_iterations: int = 30
+    # s; wall time after which "active_set" begins no other iteration, so that a run no longer repeats; 0: none.
+    deadline: float = 0.0
     # Exact Hessian of the Lagrangian where it is positive definite, kept so by its factorization; else Gauss–Newton.
     exact_hessian: bool = True
     # Whether a command takes one period to compute, and is applied after it to the state predicted by then.
@@ -110,7 +112,7 @@ class NmpcParameters:
         require_positive(self, "period", "barrier_guard", "slack_penalty", "velocity_scale", "acceleration_max")
         require_positive(self, "tolerance", "obstacle_timeout", "Q_v")
         require_non_negative(self, "Q_q", "R_q", "Q_e", "R_e", "r_O", "clearance_margin")
-        require_non_negative(self, "obstacle_acceleration")
+        require_non_negative(self, "obstacle_acceleration", "deadline")
         require_within(self, 1, 1000, "horizon", "max_iterations")
         if np.max(self.velocity_scale) > 1.0:
             raise ParameterError("velocity_scale", f"must not exceed 1, got {self.velocity_scale}")

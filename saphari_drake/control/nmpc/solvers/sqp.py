@@ -6,6 +6,8 @@ along it.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -128,6 +130,22 @@ def solve_sqp(data, scene, guess, options):
     """Return the last `Iterate` of the SQP from a guess (N, n), with the compiled active-set solver."""
     at = start_sqp(data, scene, guess)
     while unfinished(at, options):
+        linear = linearize(data, scene, at, options)
+        at = iterate(data, scene, at, linear, solve_qp(linear[0], at.active), options)
+    return at
+
+
+def solve_sqp_within(
+    data: HorizonData,
+    scene: Scene,
+    guess: Array,
+    options: SqpOptions,
+    seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Iterate:
+    """Return the last `Iterate` of `solve_sqp` that was begun within that time, the first one at least."""
+    end, at = clock() + seconds, start_sqp(data, scene, guess)
+    while unfinished(at, options) and (at.solved == 0 or clock() < end):
         linear = linearize(data, scene, at, options)
         at = iterate(data, scene, at, linear, solve_qp(linear[0], at.active), options)
     return at

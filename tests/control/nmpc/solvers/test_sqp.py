@@ -1,5 +1,7 @@
 """The SQP against SNOPT, IPOPT and an independent model of the same problem; parameters and problem data."""
 
+import itertools
+
 import nmpc_problems as bench
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from saphari_drake.control.nmpc.law import solve
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, NmpcStatus, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.solvers.program import HorizonProgram
+from saphari_drake.control.nmpc.solvers.sqp import SqpOptions, solve_sqp, solve_sqp_within
 from saphari_drake.errors import ModelError, ParameterError, UnknownNameError
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.robots.model import RobotModel
@@ -183,6 +186,21 @@ def test_a_constraint_that_cannot_hold_costs_slack(lwr4):
     solution = solve(problem, moved, np.tile(scene.q0, (3, 1)))
     assert np.all(np.isfinite(solution.Q))
     assert 0.01 < solution.slack < 0.2
+
+
+def test_after_a_deadline_no_iteration_begins(lwr4):
+    """One at least; as many as fit before it; with time enough the same solution as without."""
+    problem = arm_problem(lwr4)
+    scene, ticks = random_scene(problem, 0), itertools.count()
+    guess, options = np.tile(scene.q0, (problem.N, 1)), SqpOptions(30, 1e-4, 1e4, True)
+    whole = solve_sqp(problem.data, scene, guess, options)
+    assert whole.solved > 2
+    given = {t: solve_sqp_within(problem.data, scene, guess, options, t, lambda: next(ticks)) for t in (0.0, 2.0, 1e9)}
+    assert [at.solved for at in given.values()] == [1, 2, whole.solved]
+    np.testing.assert_array_equal(given[1e9].Q, whole.Q)
+    problem.params.deadline = 1e-9
+    assert solve(problem, scene, guess).iterations == 1
+    assert solve(problem, scene, guess).status == NmpcStatus.UNCONVERGED
 
 
 def test_one_iteration_is_a_real_time_step(lwr4):
