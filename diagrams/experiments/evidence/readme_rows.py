@@ -58,9 +58,9 @@ EXPERIMENTS = [
     ),
     Row(
         "nmpc_mobile_manipulator",
-        "human_seen",
+        "human_seen human_random",
         "min_clearance_stoppable_m",
-        "the same arm, seen by a camera alone",
+        "the same arm, and that of a random person, seen by a camera alone",
         MM,
     ),
     Row("reverse_priority_planar", "constrained", "max_y4", "largest y at the end of link 4 (hard bound)", METRES),
