@@ -14,8 +14,8 @@ differences.
 The cost is evaluated in `horizon`, the constraints in `rows`, and one of `solvers` finds the minimum. A minimum
 distance that cannot hold is relaxed at a high price. There is no guarantee that a feasible problem stays feasible:
 obstacles are predicted with constant velocity, and one that is faster than the robot can reach it. So a result is
-applied only if its first period is clear of the obstacles at all of several instants; else the robot brakes, all
-joints in proportion.
+applied only if its first period is clear of the obstacles at all of several instants, or, with `retreat`, leaves more
+room than braking; else the robot brakes, all joints in proportion.
 """
 
 from __future__ import annotations
@@ -185,13 +185,16 @@ def nmpc_step(
         left = clearance(upcoming, times)
     if solution.status == NmpcStatus.UNSOLVED or not np.all(np.isfinite(upcoming)):
         return _braking(problem, memory, q, NmpcStatus.UNSOLVED, now)
-    if left < required:
+    too_near = left < required
+    if too_near:
         stopped = _braking(problem, memory, q, NmpcStatus.START_INSIDE if inside else NmpcStatus.BRAKING, now)
         if not (p.retreat and left > clearance(stopped.command, times)):
             return replace(stopped, slack=solution.slack, iterations=solution.iterations)
     status = solution.status
     if inside:
         status = NmpcStatus.START_INSIDE
+    elif too_near:
+        status = NmpcStatus.RETREATING
     elif solution.slack > 0.0:
         status = NmpcStatus.SLACK
     motion = np.vstack([q, start, solution.Q[:-1]] if late else [q, solution.Q])

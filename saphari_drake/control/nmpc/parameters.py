@@ -24,6 +24,7 @@ class NmpcStatus(IntEnum):
     OBSTACLES_LOST = 7  # the source of the obstacles is lost or too old: brake
     WAITING = 8  # no cycle yet: at rest
     UNSOLVED = 9  # a problem without solution, or a matrix that is not positive definite: brake
+    RETREATING = 10  # no clear motion was found; with `retreat`, the plan leaves more room than braking and is applied
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,8 @@ class NmpcParameters:
     delay_compensation: bool = False
     # Joints x, y and θ of a platform that cannot slip sideways; empty: there is none.
     nonholonomic: list[str] = field(default_factory=list)
-    # Whether a robot that is nearer to an obstacle than allowed moves away, where it can, instead of braking.
+    # Whether a robot that is, or comes, nearer to an obstacle than allowed follows its plan instead of braking, where
+    # that leaves more room.
     retreat: bool = False
     # s; obstacles seen longer ago than this count as lost.
     obstacle_timeout: float = 0.5

@@ -111,7 +111,7 @@ def check_result(
 ) -> CheckResult:
     """Return what a finished search says: a correction within its bounds, or none."""
     p, nothing = params, RigidTransform()
-    prior = np.diag(np.repeat([p.turn_prior**2, p.shift_prior**2], 3))
+    prior = p.prior()
     if search.points < p.least_points:
         return CheckResult(CheckStatus.UNKNOWN, nothing, prior, np.nan, np.nan, np.nan, np.nan, search.points, 0)
     X = correction(search.x, X_WC)

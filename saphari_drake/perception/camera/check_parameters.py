@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_non_negative, require_positive
 
@@ -55,6 +58,10 @@ class CameraCheckParameters:
             raise ParameterError("least_cosine", f"must not exceed 1, got {self.least_cosine}")
         if self.least_reach > self.reach:
             raise ParameterError("least_reach", f"must not exceed reach ({self.reach} m), got {self.least_reach}")
+
+    def prior(self) -> NDArray[np.float64]:
+        """Return the covariance (6, 6) of turn (rad) and shift (m) that is expected beforehand."""
+        return np.diag(np.repeat([self.turn_prior**2, self.shift_prior**2], 3))
 
 
 class CheckStatus(IntEnum):

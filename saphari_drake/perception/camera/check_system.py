@@ -144,8 +144,7 @@ class CameraCheck(LeafSystem):
         self._frames = DepthFrames(self, robot, [camera])
         self._person = self.DeclareAbstractInputPort("human_points", AbstractValue.Make(np.zeros((0, 3))))
         p = self._params
-        prior = np.diag(np.repeat([p.turn_prior**2, p.shift_prior**2], 3)).ravel()
-        self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory(covariance=prior)))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory(covariance=p.prior().ravel())))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
         reads = {
             "check_status": lambda memory: [float(memory.status)],

@@ -187,7 +187,7 @@ def test_start_inside_an_obstacle(lwr4, retreat):
 
 def test_a_retreat_is_applied_where_it_leaves_more_room_than_braking(lwr4):
     """Something faster than the arm comes at the hand: it gives way, where braking lets it come nearer."""
-    kept = []
+    kept, statuses = [], ([], [])
     for retreat in (False, True):
         problem = arm_problem(lwr4, retreat=retreat, obstacle_timeout=10.0)
         q, memory, goal = lwr4.home, at_rest(problem, lwr4.home), target(problem, lwr4.home)
@@ -196,9 +196,11 @@ def test_a_retreat_is_applied_where_it_leaves_more_room_than_braking(lwr4):
             comes = ObstaclePoints((hand + [0.3 - 0.1 * k, 0.0, 0.0])[None], v[None], np.zeros(1), 0.0)
             memory = nmpc_step(problem, memory, q, goal, comes, 0.0)
             q = advance(problem.data, q, memory.command, 0.1)
+            statuses[retreat].append(memory.status)
         gaps = np.linalg.norm(bench.test_points(problem, q) - (hand + [-0.2, 0.0, 0.0]), axis=1)
         kept.append(gaps.min())
     assert kept[0] < 0.15 and kept[1] > 0.2
+    assert NmpcStatus.BRAKING in statuses[0] and NmpcStatus.RETREATING in statuses[1]
 
 
 @pytest.mark.parametrize("late", [False, True])
