@@ -1,5 +1,6 @@
 """The safe cell as one diagram: plant, people, sensors and the pipeline, which knows nothing but the sensors."""
 
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,7 @@ from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 
-from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
+from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of, seeded
 from experiments.joint_state import own_joint_state
 from experiments.nmpc.manipulator import points_along
 from saphari_drake.perception.segmentation.background import background_depth
@@ -91,6 +92,7 @@ def build_cell(
     scenario: CellScenario, trial: int = 0, way: str = "supervised", meshcat: Meshcat | None = None
 ) -> SafeCellRig:
     """Build the diagram of one trial."""
+    scenario = seeded(scenario, trial)
     builder, params = DiagramBuilder(), for_way(scenario, way)
     robot = robot_of(scenario)
     job, robot = job_of(robot, scenario), at_start(robot, scenario)
@@ -159,11 +161,13 @@ def _sensors(
     images, backgrounds = [], []
     for k, params_k in enumerate(scenario.cameras):
         view = add_depth_camera(builder, cell.scene_graph, params_k, f"camera_{k}")
-        sampler = DepthCameraSampler(params_k, truth.sampler(scenario.sampler))
+        own = deepcopy(scenario.sampler)
+        own.noise.seed += k
+        sampler = DepthCameraSampler(params_k, truth.sampler(own))
         add(f"camera_sampler_{k}", sampler)
         builder.Connect(view.GetOutputPort("depth_image_32f"), sampler.GetInputPort("depth_image"))
         images.append(sampler)
-        empty = scan_background(robot, Floor(FLOOR), params_k, scenario.sampler.noise, 4)
+        empty = scan_background(robot, Floor(FLOOR), params_k, own.noise, 4)
         backgrounds.append(background_depth(empty, params.localizer))
     params.localizer.frozen_frames = 2 if scenario.sampler.noise.enabled else 0
     measured = CellMeasurements(

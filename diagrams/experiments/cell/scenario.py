@@ -133,6 +133,15 @@ def at_start(robot: RobotModel, scenario: CellScenario) -> RobotModel:
     return robot.with_home(q)
 
 
+def seeded(scenario: CellScenario, trial: int) -> CellScenario:
+    """Return a copy in which the noise of all sensors is that of the trial."""
+    own = deepcopy(scenario)
+    camera, skin, modules, force = np.random.SeedSequence([scenario.seed, trial]).generate_state(4).tolist()
+    own.sampler.noise.seed, own.skin_sensor.seed = camera, skin
+    own.skin_sensor.modules.seed, own.force_sensor.seed = modules, force
+    return own
+
+
 def person_of(scenario: CellScenario, trial: int) -> PerformanceParameters:
     """Return the person of a trial: a recording, placed in the cell at random, or the made-up one, moved at random."""
     rng, person = np.random.default_rng([scenario.seed, 5, trial]), deepcopy(scenario.person)

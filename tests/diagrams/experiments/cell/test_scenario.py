@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from bench import Bench
 from experiments.cell import scenario as scenarios
-from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of
+from experiments.cell.build import build_cell
+from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of, seeded
 from experiments.nmpc.jobs import pose_of
 from pydrake.systems.framework import DiagramBuilder
 from safe_cell import scenario_for
@@ -25,6 +26,23 @@ def test_the_same_seed_gives_the_same_people(tmp_path):
         assert one == two != other
     with pytest.raises(ParameterError, match="no .bvh file"):
         person_of(CellScenario(recordings=str(tmp_path / "none")), 0)
+
+
+def test_every_seed_and_trial_has_noise_of_its_own():
+    def seeds(seed, trial):
+        own = seeded(CellScenario(seed=seed), trial)
+        return own.sampler.noise.seed, own.skin_sensor.seed, own.skin_sensor.modules.seed, own.force_sensor.seed
+
+    assert seeds(3, 1) == seeds(3, 1)
+    drawn = [*seeds(3, 1), *seeds(3, 2), *seeds(4, 1)]
+    assert len(set(drawn)) == len(drawn)
+
+
+def test_each_camera_has_noise_of_its_own():
+    names = [f"camera_sampler_{k}" for k in range(2)]
+    samplers = [build_cell(scenario_for("fixed")).diagram.GetSubsystemByName(name) for name in names]
+    first, second = (sampler._params.noise.seed for sampler in samplers)
+    assert first != second
 
 
 def test_the_ways_differ_in_what_stops_them():
