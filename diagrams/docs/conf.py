@@ -6,11 +6,13 @@ from pathlib import Path
 import saphari_drake
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE / "_ext")]
+sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
 
 project, author = "saphari_drake", "The saphari_drake authors"
 release = version = saphari_drake.__version__
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "pydrake_system", "public_names"]
+extensions = [
+    "sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "pydrake_system", "public_names", "block_diagram",
+]  # fmt: skip
 exclude_patterns = ["_ext"]
 html_title = "saphari_drake"
 html_theme = "pydata_sphinx_theme"

@@ -28,6 +28,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from saphari_drake import RobotDynamics, RobotModel
 from saphari_drake.estimation import MomentumObserver
 from saphari_drake.robots.catalog import models_dir
+from saphari_drake.simulation.runner.graph import BlockDiagram
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor
 from saphari_drake.systems import connect
 
@@ -67,6 +68,7 @@ builder.Connect(yours.GetOutputPort("actuation"), observer.GetInputPort("torque_
 connect(builder, (sensor, "position_measured", dynamics), (sensor, "velocity_measured", dynamics))
 connect(builder, (dynamics, "dynamics", observer))
 diagram = builder.Build()
+BlockDiagram(diagram)
 
 # %%
 simulator, told = Simulator(diagram), []

@@ -22,6 +22,7 @@ from pydrake.systems.framework import DiagramBuilder
 from saphari_drake import lwr4
 from saphari_drake.control import NullSpaceComplianceParameters
 from saphari_drake.pipelines import NullSpacePipelineParameters, add_null_space_pipeline
+from saphari_drake.simulation.runner.graph import BlockDiagram
 from saphari_drake.simulation.sensors.joint_sensor import JointSensor, JointSensorParameters
 from saphari_drake.simulation.world.cell import add_cell
 from saphari_drake.simulation.world.obstacles import Ball, BallParameters
@@ -36,8 +37,8 @@ robot = lwr4(home=np.deg2rad([0.0, 30.0, 0.0, 90.0, 0.0, -60.0, 0.0]))
 
 
 # %%
-def run(observer, seconds=4.0):
-    """Return the task error (m) over time."""
+def wired(observer):
+    """Return the diagram, and the parts of its pipeline."""
     builder = DiagramBuilder()
     cell = add_cell(builder, robot, [Ball(BallParameters())], PlantParameters(rigid_cover=True))
     sensor = builder.AddSystem(JointSensor(robot, JointSensorParameters(period=0.002)))
@@ -45,7 +46,16 @@ def run(observer, seconds=4.0):
     params = NullSpacePipelineParameters(controller=NullSpaceComplianceParameters(observer=observer))
     parts = add_null_space_pipeline(builder, robot, sensor.get_output_port(0), sensor.get_output_port(1), params)
     builder.Connect(parts.torque_output, cell.torque_input)
-    diagram = builder.Build()
+    return builder.Build(), parts
+
+
+BlockDiagram(wired("momentum")[0])
+
+
+# %%
+def run(observer, seconds=4.0):
+    """Return the task error (m) over time."""
+    diagram, parts = wired(observer)
     simulator, error = Simulator(diagram), []
     port = parts.controller.GetOutputPort("task_error")
     context = parts.controller.GetMyContextFromRoot(simulator.get_context())
