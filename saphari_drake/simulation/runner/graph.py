@@ -18,7 +18,7 @@ from saphari_drake.simulation.record.files import atomic_path, write_text
 from saphari_drake.simulation.record.recorder import ValueToVector
 
 STYLE = (
-    "rankdir=LR; ranksep=0.4; nodesep=0.15",
+    "rankdir=TB; ranksep=0.35; nodesep=0.15",
     'node [shape=box, style="rounded,filled", fillcolor="#eef3f8", fontname="Helvetica", fontsize=11, height=0.3]',
     'edge [fontname="Helvetica", fontsize=8, color="#555555", arrowsize=0.6]',
 )
