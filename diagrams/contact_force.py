@@ -141,7 +141,7 @@ def run(scenario: ContactForceScenario, options: RunOptions) -> Outcome:
     if scenario.case == "random":
         return run_trials(
             scenario,
-            lambda number, label: run_force_trial(scenario, number, build, replay, options, label),
+            lambda number, label: run_force_trial(scenario, number, build, figure, replay, options, label),
             lambda columns: force_trial_metrics(columns, scenario.system.pipeline.controller.speed_limit),
             PANELS,
             f"Contact force control, {CASES['random']}",

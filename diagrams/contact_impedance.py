@@ -122,7 +122,7 @@ def build_diagram(scenario: ContactImpedanceScenario) -> Diagram:
 def run(scenario: ContactImpedanceScenario, options: RunOptions) -> Outcome:
     """Run a scenario and judge it."""
     if scenario.case == "random":
-        return run_random(scenario, options, build, replay, f"Contact impedance, {CASES['random']}")
+        return run_random(scenario, options, build, figure, replay, f"Contact impedance, {CASES['random']}")
     return run_contact(build(scenario, options.meshcat), options, judged, figure, replay)
 
 

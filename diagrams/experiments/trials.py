@@ -45,6 +45,14 @@ class RandomTrials(PlantScenario):
         return self.seed + OWN_SEED * number
 
 
+class Shown(NamedTuple):
+    """What a trial leaves when it runs alone: its signals, its figure, and what writes its replay to a path."""
+
+    log: Log
+    figure: Callable[[], Figure]
+    replay: Callable[[Path], None]
+
+
 class Trial(NamedTuple):
     """A finished trial.
 
@@ -57,15 +65,14 @@ class Trial(NamedTuple):
         Whether it meets all that a trial has to meet.
     about : str
         What was drawn, and what it came to, in a few words.
-    replay : callable, optional
-        Writes the run to a path.
+    shown : Shown
     """
 
     number: int
     values: Mapping[str, float]
     met: bool
     about: str
-    replay: Callable[[Path], None] | None = None
+    shown: Shown
 
 
 class Panel(NamedTuple):
@@ -85,6 +92,8 @@ def run_trials(
     title: str,
 ) -> Outcome:
     """Run the trials of a scenario; the replay shows the worst: one that misses, the farthest in the first panel.
+
+    A trial that runs alone leaves its own signals and figure, many the values of each and their distributions.
 
     Parameters
     ----------
@@ -118,11 +127,13 @@ def run_trials(
         log.add(name, values, "1")
     if lines:
         say("\n".join(lines))
+    everyone = Shown(log, lambda: distributions(columns, panels, title), worst.shown.replay)
+    shown = worst.shown if scenario.trial >= 0 else everyone
     return Outcome(
         [*metrics(columns), Metric("trials", len(rows), "1")],
-        log,
-        lambda: distributions(columns, panels, title),
-        worst.replay,
+        shown.log,
+        shown.figure,
+        shown.replay,
         {"failures.txt": "".join(f"{line}\n" for line in lines)},
     )
 

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from experiments.contact.force_judge import REST, steady_norms, true_velocity
 from experiments.contact.judge import deflection, find_touches
 from experiments.contact.random_run import Build, trial_of
 from experiments.contact.run import ContactSetup
-from experiments.trials import Panel, Trial, share_metrics
+from experiments.trials import Panel, Shown, Trial, share_metrics
 from saphari_drake.errors import SensorError
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.limits import limit_metrics
@@ -42,6 +43,7 @@ def run_force_trial(
     scenario: Any,
     number: int,
     build: Build,
+    figure: Callable[[ContactSetup, Log], Figure],
     replay: Callable[[ContactSetup, Log, Path], None],
     options: RunOptions,
     label: str,
@@ -65,7 +67,8 @@ def run_force_trial(
         f"{values['force_norm_error_N']:.1f} N, wander {1e3 * values['wander_m']:.0f} mm, "
         f"speed {values['joint_speed_share_max']:.1f}"
     )
-    return Trial(number, values, met, about, lambda path: replay(setup, log, path))
+    shown = Shown(log, lambda: figure(setup, log), lambda path: replay(setup, log, path))
+    return Trial(number, values, met, about, shown)
 
 
 def judged_touch(setup: ContactSetup, log: Log, fast: Log) -> dict[str, float]:

@@ -195,7 +195,7 @@ def failures(robot: RobotModel, touches: list[JudgedTouch], scenario: Any) -> st
     return "\n".join(lines)
 
 
-def figure(log: Log, title: str) -> Figure:
+def touches_figure(log: Log, title: str) -> Figure:
     """Return what each touch met and missed, over the force asked of the hand."""
     result, axes = blank(2, 2, title, (9.0, 6.5))
     panels = (

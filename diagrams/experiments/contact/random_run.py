@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from pydrake.geometry import Meshcat
 
 from experiments.contact.random_judge import (
     JudgedTouch,
     failures,
-    figure,
     is_seen,
     judged_touch,
     random_metrics,
     touch_log,
+    touches_figure,
 )
 from experiments.contact.random_touches import RandomTouch, draw_touch
 from experiments.contact.run import ContactSetup
@@ -77,10 +78,11 @@ def run_random(
     scenario: Any,
     options: RunOptions,
     build: Build,
+    figure: Callable[[ContactSetup, Log], Figure],
     replay: Callable[[ContactSetup, Log, Path], None],
     title: str,
 ) -> Outcome:
-    """Run random touches and judge each; the replay shows the worst of them."""
+    """Run random touches and judge each; the replay shows the worst, signals and figure a touch alone or all."""
     numbers, touches = scenario.numbers, list[JudgedTouch]()
 
     def runs() -> Iterator[TrialRun]:
@@ -91,14 +93,14 @@ def run_random(
             yield result
 
     worst = reduce(lambda worst, other: other if other.touch.worse_than(worst.touch) else worst, runs())
-    log = touch_log(touches)
-    failed = failures(worst.setup.robot, touches, scenario)
+    setup, signals, log = worst.setup, worst.log, touch_log(touches)
+    failed = failures(setup.robot, touches, scenario)
     if failed:
         say(failed)
     return Outcome(
         random_metrics(touches),
-        log,
-        lambda: figure(log, title),
-        lambda path: replay(worst.setup, worst.log, path),
+        signals if scenario.trial >= 0 else log,
+        lambda: figure(setup, signals) if scenario.trial >= 0 else touches_figure(log, title),
+        lambda path: replay(setup, signals, path),
         {"failures.txt": failed + "\n" if failed else ""},
     )

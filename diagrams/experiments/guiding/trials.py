@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.guiding import judge
-from experiments.guiding.figures import replay
+from experiments.guiding.figures import forces_and_velocities, replay
 from experiments.guiding.run import GuidingRun, GuidingRuns, GuidingScenario
-from experiments.trials import Panel, RandomTrials, Trial, drawn_posture, share_metrics
+from experiments.trials import Panel, RandomTrials, Shown, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -98,8 +98,13 @@ def run_guiding(single: RandomGuidingScenario, number: int, synthetic: Path, opt
     about = (
         f"{single.case}, disturbance {values['main_task_disturbance']:.1%}, speed {values['joint_speed_share_max']:.2f}"
     )
-    title = f"Hand guiding, trial {number} (orange: end effector, blue: body)"
-    return Trial(number, values, met, about, lambda path: replay(result, path, title))
+    title = f"Hand guiding, trial {number}"
+    shown = Shown(
+        result.log,
+        lambda: forces_and_velocities(result, runs.get(0.0), f"{title} (dotted: the first hand alone)"),
+        lambda path: replay(result, path, f"{title} (orange: end effector, blue: body)"),
+    )
+    return Trial(number, values, met, about, shown)
 
 
 def judged_guiding(result: GuidingRun, alone: GuidingRun) -> dict[str, float]:

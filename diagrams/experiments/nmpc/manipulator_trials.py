@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.nmpc.build import build_nmpc
-from experiments.nmpc.figures import nmpc_replay
+from experiments.nmpc.figures import manipulator_figure, nmpc_replay
 from experiments.nmpc.jobs import clearance, point_positions
 from experiments.nmpc.manipulator import last_link, manipulator_job, points_along
 from experiments.nmpc.run import NmpcRun, margins, simulate
-from experiments.trials import Panel, Trial, drawn_posture, share_metrics
+from experiments.trials import Panel, Shown, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -119,7 +119,10 @@ def run_manipulator_trial(scenario: Any, number: int, options: RunOptions, label
     )
     view = ((2.0, -1.4, 1.3), (0.1, 0.0, 0.5))
     title = f"Predictive control of a manipulator, trial {number}"
-    return Trial(number, values, met, about, lambda path: nmpc_replay(run, Path(path), title, view))
+    shown = Shown(
+        run.log, lambda: manipulator_figure(run, title), lambda path: nmpc_replay(run, Path(path), title, view)
+    )
+    return Trial(number, values, met, about, shown)
 
 
 def goal_room(run: NmpcRun, goal_deg: list[float]) -> float:

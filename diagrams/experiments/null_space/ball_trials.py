@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.contact.random_touches import surface_point_of, turned
+from experiments.null_space.figures import comparison
 from experiments.null_space.run import Run, build, limits, replay
-from experiments.trials import Panel, Trial, drawn_posture, share_metrics
+from experiments.trials import Panel, Shown, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -101,8 +102,13 @@ def run_ball(scenario: Any, number: int, options: RunOptions, label: str) -> Tri
         f"{single.system.cell.ball.touch.link}, {values['dwell_force_N']:.0f} N, "
         f"error {1e6 * values['dwell_error_m']:.1f} µm, at the end {values['end_speed_share']:.3f} of the speed limit"
     )
-    title = f"Null-space compliance, ball, trial {number} (green: contact force)"
-    return Trial(number, values, met, about, lambda path: replay(result, Path(path), title))
+    title = f"Null-space compliance, ball, trial {number}"
+    shown = Shown(
+        result.log,
+        lambda: comparison({single.case: result}, title),
+        lambda path: replay(result, Path(path), f"{title} (green: contact force)"),
+    )
+    return Trial(number, values, met, about, shown)
 
 
 def judged_push(result: Run) -> dict[str, float]:

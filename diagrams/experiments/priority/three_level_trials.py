@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.priority.figures import three_level_replay
+from experiments.priority.figures import three_level_figure, three_level_replay
 from experiments.priority.three_level import ThreeLevelJob, ThreeLevelParameters, three_level_job, with_faults
 from experiments.priority.three_level_build import ThreeLevelCell, add_three_level_signals, build_three_level
-from experiments.trials import Panel, Trial, drawn_posture, share_metrics
+from experiments.trials import Panel, Shown, Trial, drawn_posture, share_metrics
 from saphari_drake.errors import ParameterError
 from saphari_drake.parameters import require_positive
 from saphari_drake.robots import catalog
@@ -86,7 +86,12 @@ def run_person(scenario: Any, number: int, options: RunOptions, label: str) -> T
         f"joint limits {values['limit_margin_rad']:+.4f} rad, command {values['speed_share_max']:.3f} of its limit"
     )
     title = f"Reverse priority, trial {number}"
-    return Trial(number, values, met, about, lambda path: three_level_replay(cell, log, Path(path), title))
+    shown = Shown(
+        log,
+        lambda: three_level_figure(cell, log, title),
+        lambda path: three_level_replay(cell, log, Path(path), title),
+    )
+    return Trial(number, values, met, about, shown)
 
 
 def judged_person(cell: ThreeLevelCell, log: Log) -> dict[str, float]:

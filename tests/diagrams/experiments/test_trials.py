@@ -10,15 +10,17 @@ from experiments.nmpc.manipulator import manipulator_job
 from experiments.priority.three_level import clearances
 from experiments.priority.three_level_trials import draw_person
 from experiments.sweep.plan import find_experiment
-from experiments.trials import Panel, Trial, drawn_posture, interval, run_trials, share_metrics
+from experiments.trials import Panel, Shown, Trial, drawn_posture, interval, run_trials, share_metrics
 from pydrake.common.yaml import yaml_dump_typed
 
 from saphari_drake.errors import ParameterError
 from saphari_drake.robots import catalog
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.runner.results import Metric
 from saphari_drake.simulation.runner.scenario import with_assignments
 from saphari_drake.simulation.runner.simulation import RunOptions
+from saphari_drake.simulation.view.figures import blank
 
 
 @pytest.mark.parametrize("trials", [1, 7, 60, 1000])
@@ -47,10 +49,11 @@ def run(tmp_path, trial=-1, trials=4):
 
     def one(number, label):
         ran.append(number)
-        return Trial(number, {"error": float(number)}, number < 2, f"error {number}", lambda path: path.touch())
+        shown = Shown(Log([float(number)]), lambda: blank(1, 3, "alone")[0], lambda path: path.touch())
+        return Trial(number, {"error": float(number)}, number < 2, f"error {number}", shown)
 
     numbers = [trial] if trial >= 0 else list(range(trials))
-    scenario = SimpleNamespace(numbers=numbers, case="random", seed=7)
+    scenario = SimpleNamespace(numbers=numbers, case="random", seed=7, trial=trial)
 
     def metrics(columns):
         return [Metric("error_max", columns["error"].max(), "m")]
@@ -72,6 +75,7 @@ def test_failing_trials_are_told_with_what_replays_them(tmp_path, capsys):
 def test_a_trial_runs_alone(tmp_path):
     outcome, ran = run(tmp_path, trial=3)
     assert ran == [3] and {m.name: m.value for m in outcome.metrics}["trials"] == 1.0
+    assert outcome.log.time == [3.0] and len(outcome.draw().axes) == 3  # its own
 
 
 def test_postures_stay_within_the_limits(lwr4):
