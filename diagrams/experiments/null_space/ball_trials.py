@@ -105,7 +105,7 @@ def run_ball(scenario: Any, number: int, options: RunOptions, label: str) -> Tri
     title = f"Null-space compliance, ball, trial {number}"
     shown = Shown(
         result.log,
-        lambda: comparison({single.case: result}, title),
+        lambda: comparison({single.system.controller.observer: result}, title),
         lambda path: replay(result, Path(path), f"{title} (green: contact force)"),
     )
     return Trial(number, values, met, about, shown)
