@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from experiments.contact.force_judge import REST, steady_norms, true_velocity
 from experiments.contact.judge import deflection, find_touches
-from experiments.contact.random_run import Build, trial_of
+from experiments.contact.random_run import Build, seen_by, trial_of
 from experiments.contact.run import ContactSetup
 from experiments.trials import Panel, Shown, Trial, share_metrics
 from saphari_drake.errors import SensorError
@@ -51,10 +51,11 @@ def run_force_trial(
     """Run one touch and judge it."""
     single = force_trial(scenario, number)
     setup = build(single, options.meshcat)
-    run = Simulation(setup.diagram, label, options)
+    run, push = Simulation(setup.diagram, label, options), single.pushes[0]
+    seen = seen_by(run, setup, push.start + push.hold - 0.1)
     run.to(setup.duration)
     log, fast = run.log(setup.recorder), run.log(setup.fast)
-    values = judged_touch(setup, log, fast)
+    values = {**judged_touch(setup, log, fast), "seen": float(seen)}
     limit = single.system.pipeline.controller.speed_limit
     met = (
         values["force_norm_error_N"] <= FORCE
@@ -63,7 +64,7 @@ def run_force_trial(
         and values["joint_speed_share_max"] <= 1.0
     )
     about = (
-        f"{single.pushes[0].link}, {1e3 * single.pushes[0].depth:.0f} mm deep, force off by "
+        f"{push.link}, {'seen' if seen else 'hidden'}, {1e3 * push.depth:.0f} mm deep, force off by "
         f"{values['force_norm_error_N']:.1f} N, wander {1e3 * values['wander_m']:.0f} mm, "
         f"speed {values['joint_speed_share_max']:.1f}"
     )
@@ -100,8 +101,11 @@ def force_trial_metrics(columns: Mapping[str, NDArray[np.float64]], speed_limit:
     def most(name: str, value: float, unit: str, high: float) -> Metric:
         return Metric(name, value, unit, high=high, decides=False)
 
+    seen = columns["seen"] > 0.0
     return [
         *share_metrics("meets_all_share", columns["met"], 0.95),
+        *(share_metrics("meets_all_share_seen", columns["met"][seen], 0.95) if seen.any() else []),
+        Metric("trials_seen", seen.sum(), "1"),
         most("force_norm_error_p95_N", np.percentile(columns["force_norm_error_N"], 95), "N", FORCE),
         Metric("force_norm_error_median_N", np.median(columns["force_norm_error_N"]), "N"),
         most("max_speed", columns["max_speed"].max(), "m/s", speed_limit),

@@ -63,15 +63,20 @@ def run_trial(trial: Trial, build: Build, options: RunOptions, label: str = "") 
     """Run one random touch and judge it."""
     scenario, push = trial.scenario, trial.drawn.push
     setup = build(scenario, options.meshcat)
-    run, cell = Simulation(setup.diagram, label, options), setup.parts.cell
-    context = run.to(push.start + push.hold - 0.1)
-    truth = contact_truth(cell.contact_results.Eval(cell.plant.GetMyContextFromRoot(context)), cell)
-    seen = is_seen(setup.parts, context, setup.robot, truth[3:6])
+    run = Simulation(setup.diagram, label, options)
+    seen = seen_by(run, setup, push.start + push.hold - 0.1)
     run.to(setup.duration)
     log, fast = run.log(setup.recorder), run.log(setup.fast)
     K_p = np.broadcast_to(scenario.system.pipeline.controller.K_p, 3)
     touch = judged_touch(setup.robot, trial.number, trial.drawn, log, fast, seen, K_p, scenario.touches.watched)
     return TrialRun(touch, setup, log)
+
+
+def seen_by(run: Simulation, setup: ContactSetup, time: float) -> bool:
+    """Run until a time (s), and return whether the camera then sees who touches the arm."""
+    context, cell = run.to(time), setup.parts.cell
+    truth = contact_truth(cell.contact_results.Eval(cell.plant.GetMyContextFromRoot(context)), cell)
+    return is_seen(setup.parts, context, setup.robot, truth[3:6])
 
 
 def run_random(
