@@ -27,9 +27,11 @@ class WrenchCheckParameters:
     tip_point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     # 1/s; of the observer, behind whose lag the measured forces are compared.
     gain: float = 50.0
-    # Nm; sudden difference of a joint's torque that friction (0.3 Nm, reversed), its change with speed and the error of
-    # the model's inertia do not make.
+    # Nm (N); sudden difference of a joint's torque that dry friction (0.3 Nm, reversed) and the error of the model's
+    # inertia do not make,
     tolerance: float = 2.0
+    # Nms/rad (Ns/m); more by this for each change of the joint's speed: viscous friction that nobody has identified.
+    viscous: float = 1.0
     # s; for how long it must last, and for how long all must agree again.
     time: float = 0.02
     recovery_time: float = 0.5
@@ -40,7 +42,7 @@ class WrenchCheckParameters:
 
     def __post_init__(self) -> None:
         require_positive(self, "gain", "tolerance", "recovery_time", "drift_time", "period")
-        require_non_negative(self, "time")
+        require_non_negative(self, "viscous", "time")
         require_vector(self, 3, "tip_point")
 
 
@@ -55,6 +57,7 @@ class WrenchCheckStatus(IntEnum):
 class _Memory(Immutable):
     lagged: Array  # (n,) Nm, of the measured forces behind the observer's lag
     learned: Array  # (n,) Nm, difference that is no fault
+    v: Array  # (n,) rad/s, speed at which it was learned
     started: bool = False
     bad: float = 0.0  # s, for which they have differed
     good: float = 0.0  # s, since they agree
@@ -86,9 +89,10 @@ class WrenchCheck(LeafSystem):
     status : 1, a `WrenchCheckStatus`.
 
     Law: r − JᵉᵀFᵉ − JᵇᵀFᵇ, with the measured forces behind the observer's lag, less what it was on average over
-    `drift_time`, stays within `tolerance` in each joint. Slow errors of either are learned: a bias that grows slowly is
-    not noticed, nor one whose torque is below the tolerance. A sudden touch where neither wrist nor skin feels is
-    doubted as well: the arm stops then. What is not finite is passed on, and nothing is learned from it.
+    `drift_time`, stays within `tolerance` in each joint, and more for a speed that is not the average one. Slow errors
+    of either are learned: a bias that grows slowly is not noticed, nor one whose torque is below the tolerance. A
+    sudden touch where neither wrist nor skin feels is doubted as well: the arm stops then. What is not finite is passed
+    on, and nothing is learned from it.
     """
 
     def __init__(self, robot: RobotModel, params: WrenchCheckParameters | None = None) -> None:
@@ -103,7 +107,7 @@ class WrenchCheck(LeafSystem):
         self._wrench = self.DeclareVectorInputPort("wrench_measured", BasicVector(6))
         self._skin = self.DeclareAbstractInputPort("skin", AbstractValue.Make(SkinReading()))
         self._external = self.DeclareVectorInputPort("torque_external", BasicVector(n))
-        start = _Memory(np.zeros(n), np.zeros(n))
+        start = _Memory(*np.zeros((3, n)))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(start))
         state = self.abstract_state_ticket(self._memory)
         self.DeclareVectorOutputPort(
@@ -138,17 +142,18 @@ class WrenchCheck(LeafSystem):
         felt, r = self._felt(context), np.array(self._external.Eval(context))
         if not (np.isfinite(felt).all() and np.isfinite(r).all()):
             return
-        memory = compared(memory, felt, r, self._share, p)
+        memory = compared(memory, felt, r, self._dynamics.Eval(context).v, self._share, p)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
 
-def compared(memory: _Memory, felt: Array, r: Array, share: float, params: WrenchCheckParameters) -> _Memory:
+def compared(memory: _Memory, felt: Array, r: Array, v: Array, share: float, params: WrenchCheckParameters) -> _Memory:
     """Return what is known one period later; `felt` (n,) of the sensors and r (n,) of the observer (Nm or N)."""
     p = params
     lagged = memory.lagged + share * (felt - memory.lagged) if memory.started else felt
     difference = r - lagged
-    learned = memory.learned if memory.started else difference
-    agree = bool(np.max(np.abs(difference - learned)) <= p.tolerance)
+    learned, usual = (memory.learned, memory.v) if memory.started else (difference, v)
+    allowed = p.tolerance + p.viscous * np.abs(v - usual)
+    agree = bool(np.all(np.abs(difference - learned) <= allowed))
     bad, good = (0.0, memory.good + p.period) if agree else (memory.bad + p.period, 0.0)
     status = memory.status
     if bad > p.time:
@@ -156,5 +161,6 @@ def compared(memory: _Memory, felt: Array, r: Array, share: float, params: Wrenc
     elif good >= p.recovery_time:
         status = WrenchCheckStatus.OK
     if agree and status == WrenchCheckStatus.OK:
-        learned = learned + p.period / p.drift_time * (difference - learned)
-    return _Memory(lagged, learned, True, bad, good, status)
+        slow = p.period / p.drift_time
+        learned, usual = learned + slow * (difference - learned), usual + slow * (v - usual)
+    return _Memory(lagged, learned, usual, True, bad, good, status)

@@ -15,6 +15,7 @@ class Felt:
     """A force that changes slowly, as the wrist and the observer tell of it."""
 
     def __init__(self, robot):
+        self.robot = robot
         self.terms = evaluate_dynamics(robot, robot.home, np.zeros(7))
         self.J = self.terms.point(6, np.zeros(3)).Jv_WC
         self.share, self.lagged = -np.expm1(-50.0 * PERIOD), np.zeros(7)
@@ -55,6 +56,18 @@ def test_what_both_feel_is_passed_on(felt):
         statuses += felt.run(1, error=0.01 * k, skin=20.0 if k > 100 else 0.0)
     assert set(statuses) == {WrenchCheckStatus.OK}
     assert np.isfinite(felt.bench.read("wrench_checked")).all()
+
+
+def test_friction_of_a_joint_that_gets_fast_and_stops_is_no_fault(felt):
+    """1 Nms/rad that nobody has identified, up to 3 rad/s within 0.6 s; a force of the same size at rest is one."""
+    still = felt.terms
+    for speed in [0.0] * 50 + [*np.linspace(0.0, 3.0, 120), *np.linspace(3.0, 0.0, 40)]:
+        v = np.r_[np.zeros(5), speed, 0.0]
+        felt.bench.set(dynamics=evaluate_dynamics(felt.robot, felt.robot.home, v))
+        assert felt.run(1, error=-v) == [WrenchCheckStatus.OK]
+    felt.bench.set(dynamics=still)
+    felt.run(1000)
+    assert felt.run(20, error=np.r_[np.zeros(5), -3.0, 0.0])[-1] == WrenchCheckStatus.DOUBTED
 
 
 def test_a_bias_is_told_within_a_tenth_of_a_second_and_for_good(felt):

@@ -74,9 +74,10 @@ class ContactForceController(ContactController):
     force_status : 1, a `ForceStatus`; says whether the force is controlled, in which directions, or why not.
     stop_velocity : 3 (m/s, world), the velocity for which the speed stop acted; zero without a stop.
 
-    In contact, with ‖F̂‖ above the gate: `contact_force_torque`. Below it, and after the release: braking to rest.
-    Without a camera the same; yielding if the contact is not seen. Nothing returns to where it was touched: give the
-    monitor a short `return_timeout`, after which the arm holds where it came to rest.
+    In contact, with ‖F̂‖ above the gate: `contact_force_torque`, with an aligned F_d by `pressing_direction`. Below it,
+    and after the release: braking to rest. Without a camera the same; yielding if the contact is not seen. Nothing
+    returns to where it was touched: give the monitor a short `return_timeout`, after which the arm holds where it came
+    to rest.
 
     Speed stop: ‖ẋ_c‖ or ‖ẋ_c + stop_lead ẍ_c‖ near the limit ends the force control in favour of braking, until the
     contact is released. It has to look ahead: 15 N that nobody resists move a light contact at 10 m/s² and more. In
@@ -113,7 +114,11 @@ class ContactForceController(ContactController):
             hidden = self._unobservable.Eval(context).reshape(3, 3).T
             if status_of(misfit, hidden) != SystemStatus.OK:
                 return self._unknown(idle)
-            wanted = gate.size * F / np.linalg.norm(F) if params.direction == "aligned" else self._fixed
+            wanted = self._fixed
+            if params.direction == "aligned":
+                contact = self._interaction.Eval(context).contact
+                inward = -terms.R_WL[contact.link] @ contact.n_L
+                wanted = gate.size * law.pressing_direction(F, inward, params.leaning)
             F_d = law.observable_part(wanted, hidden)
             parts, acceleration = law.contact_force_torque(terms, point, F, F_d, misfit, self.gains)
             goes_on = memory.controlled in (None, idle.selection.key)

@@ -194,6 +194,27 @@ def observable_part(F: Array, unobservable: Array) -> Array:
     return F - unobservable @ (unobservable.T @ F)
 
 
+def pressing_direction(F: Array, inward: Array, share: float) -> Array:
+    """Return the direction (3,) of a force, leaning from a surface's inward normal by at most a share of it.
+
+    Parameters
+    ----------
+    F : (3,) array
+        Force, not zero (N).
+    inward : (3,) array
+        Unit normal into the surface; zero: not known, and nothing is bounded.
+    share : float
+        Largest tangential part over the normal one.
+    """
+    along = float(inward @ F)
+    across = F - along * inward
+    size = float(np.linalg.norm(across))
+    direction = F
+    if np.any(inward) and size > share * along:
+        direction = inward + share * across / size
+    return direction / np.linalg.norm(direction)
+
+
 def misfit_torque(misfit: Array, F: Array, lever: float) -> Array:
     """Return −(r − J_cᵀF̂), each joint bounded by `lever` ‖F̂‖ (n,).
 

@@ -60,6 +60,9 @@ class ContactForceControlParameters:
     direction: str = "aligned"
     # N; size of the aligned desired force.
     desired_force: float = 15.0
+    # Largest tangential part of the aligned force over its normal part. Friction in the joints looks like a force that
+    # resists; followed without a bound it turns the direction on and on, until the contact slips off. Assumed.
+    leaning: float = 0.25
     # N; the fixed desired force in the world.
     fixed_force: list[float] = field(default_factory=lambda: [0.0, 15.0, 0.0])
     # Gain on the force error along the world's axes; one value or three.
@@ -116,7 +119,8 @@ class ContactForceControlParameters:
             raise ParameterError("fixed_force", f"needs three finite numbers, got {self.fixed_force}")
         require_positive(self, "desired_force", "gate_on", "gate_off", "max_deficit", "speed_limit", "stop_lead")
         require_positive(self, "follow_limit", "drop_limit", "drop_time")
-        require_non_negative(self, "leave_time", "torque_delay", "force_rate", "hand_stiffness", "hand_damping")
+        require_non_negative(self, "leaning", "leave_time", "torque_delay", "force_rate")
+        require_non_negative(self, "hand_stiffness", "hand_damping")
         if not 0.0 < self.stop_share <= 1.0:
             raise ParameterError("stop_share", f"must be above 0 and at most 1, got {self.stop_share}")
         if self.gate_off >= self.gate_on:

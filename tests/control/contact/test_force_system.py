@@ -1,5 +1,7 @@
 """The force controller as a system: status, desired force, speed stop, and the chain behind it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bench import Bench
@@ -72,6 +74,17 @@ def test_desired_force_is_aligned_and_grows_to_its_size(lwr4):
     bench.run(60, interaction=bench.mode(CONTACT), contact_force=F)
     np.testing.assert_allclose(bench.read("desired_force"), 15.0 * F / 13.0, atol=1e-9)
     np.testing.assert_allclose(bench.read("force_error"), F - 15.0 * F / 13.0, atol=1e-9)
+
+
+def test_friction_that_looks_like_a_tangential_force_does_not_turn_the_desired_one(lwr4):
+    """However far the estimate leans, the arm presses where the surface can be pressed."""
+    bench = Controlled(lwr4)
+    inward = np.array([0.0, -1.0, 0.0])
+    point = ContactPoint(True, 5, TIP, -bench.dynamics.R_WL[5].T @ inward)
+    interaction = replace(bench.mode(CONTACT), contact=point)
+    bench.run(200, interaction=interaction, contact_force=np.array([12.0, -9.0, 0.0]))
+    F_d = bench.read("desired_force")
+    np.testing.assert_allclose(F_d, 15.0 * np.array([0.25, -1.0, 0.0]) / np.hypot(1.0, 0.25), atol=1e-9)
 
 
 def test_only_observable_directions_are_asked_for(lwr4):

@@ -11,6 +11,7 @@ from saphari_drake.control.contact.law import (
     contact_impedance_torque,
     damped,
     observable_part,
+    pressing_direction,
 )
 from saphari_drake.control.contact.law import eased as eased_gain
 from saphari_drake.control.contact.parameters import ContactImpedanceParameters
@@ -347,3 +348,20 @@ def test_no_direction_of_a_heavy_contact_swings():
         given = 80.0 / (2.0 * np.sqrt(500.0 * mass))
         np.testing.assert_allclose(ratio, np.maximum(given, 0.7))
     np.testing.assert_array_equal(damped(Lambda, K_p, K_d, 0.0), K_d)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_a_pressing_force_leans_no_farther_than_its_share(share):
+    """Inside the cone the direction is that of the force; outside it is on the nearest side of the cone."""
+    rng = np.random.default_rng(5)
+    for F, inward in zip(rng.normal(size=(200, 3)), rng.normal(size=(200, 3))):
+        inward /= np.linalg.norm(inward)
+        u, along = pressing_direction(F, inward, share), inward @ F
+        leaning = np.linalg.norm(F - along * inward) / along if along > 0.0 else np.inf
+        np.testing.assert_allclose(np.linalg.norm(u), 1.0)
+        np.testing.assert_allclose(
+            np.linalg.norm(u - (u @ inward) * inward), min(leaning, share) * (u @ inward), atol=1e-12
+        )
+        np.testing.assert_allclose(np.linalg.det([u, inward, F]), 0.0, atol=1e-12)
+        assert u @ F >= along / np.linalg.norm([1.0, share]) - 1e-12
+    np.testing.assert_allclose(pressing_direction(np.array([0.0, 3.0, 4.0]), np.zeros(3), share), [0.0, 0.6, 0.8])

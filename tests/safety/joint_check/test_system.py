@@ -3,11 +3,22 @@
 import numpy as np
 import pytest
 from bench import PERIOD, Bench
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 
 from saphari_drake.messages import SystemStatus
 from saphari_drake.safety.joint_check.law import JointCheckStatus
 from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_check.system import JointCheck
+
+
+class TimeFunction(LeafSystem):
+    """Puts out a function of time."""
+
+    def __init__(self, function):
+        super().__init__()
+        self.DeclareVectorOutputPort("y", BasicVector(7), lambda c, out: out.SetFromVector(function(c.get_time())))
 
 
 @pytest.fixture
@@ -63,3 +74,24 @@ def test_a_clone_goes_on_as_the_original(bench, lwr4):
     for each in (bench, other):
         each.run(2, position_measured=lwr4.home)
     assert bench.read("status") == other.read("status") == JointCheckStatus.RECOVERING
+
+
+def test_a_drive_whose_torque_jumps_just_before_the_expected_one_is_sound(lwr4):
+    """Both systems are faster than the check: at the end of its period one has gone on, the other one not."""
+    jumps = np.random.default_rng(0).uniform(-20.0, 20.0, 200)
+
+    def course(late):
+        return TimeFunction(lambda time: np.full(7, jumps[int((time + 1e-4 - late) / PERIOD)]))
+
+    builder = DiagramBuilder()
+    check = builder.AddSystem(JointCheck(lwr4, JointCheckParameters(period=PERIOD)))
+    given = {"position_measured": lwr4.home, "velocity_measured": np.zeros(7)}
+    sources = {name: builder.AddSystem(ConstantVectorSource(value)) for name, value in given.items()}
+    sources |= {"torque_measured": builder.AddSystem(course(0.0)), "torque_expected": builder.AddSystem(course(2e-4))}
+    for name, source in sources.items():
+        builder.Connect(source.get_output_port(), check.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    context = check.GetMyContextFromRoot(simulator.get_context())
+    for k in range(1, 150):
+        simulator.AdvanceTo(k * PERIOD + 2e-6)
+        assert check.GetOutputPort("status").Eval(context)[0] == JointCheckStatus.OK
