@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _FLAT = 1.0 / 0.05**2  # 1/m²; keeps a step short where neither residual nor cameras tell
 _STRIDE, _HALVED = 0.03, 3  # m, longest step; and how often one that does not help is cut
 
+
 class Window(NamedTuple):
     """Robot and residual in some frames, oldest first."""
 
@@ -25,6 +26,12 @@ class Window(NamedTuple):
     p_WL: Array  # (k, n, 3) m
     r: Array  # (k, n) Nm
     weight: Array  # (k,)
+
+    def without(self, joint: int) -> Window:
+        """Return the frames as if one joint felt nothing."""
+        r = self.r.copy()
+        r[:, joint] = 0.0
+        return self._replace(r=r)
 
 
 class Start(NamedTuple):
@@ -76,7 +83,7 @@ def _leaning(parent, window, start, p_L, n_L, model, scratch, t, u):
     Torque j of a force F changes with a shift δ by F · (ω × δ) = δ · (F × ω): at the forces that explain the frames
     best, the misfit is quadratic in forces and shift, and the forces are eliminated.
     """
-    H, b, F = scratch
+    H, _, F = scratch
     link, n = start.link, parent.shape[0]
     N, g = np.zeros((2, 2)), np.zeros(2)
     p, a, T = np.empty(3), np.empty(3), np.empty((2, 3))
