@@ -31,6 +31,7 @@ class ForceModel(NamedTuple):
     force: float  # N, size of a usual force
     mu: float  # coefficient of friction
     cell: float  # m, deviation of the true point from the one that stands for it
+    across: float = 1.0  # size of a usual force across the normal, over that along it
 
 
 class Work(NamedTuple):
@@ -48,8 +49,8 @@ def work():
 
 
 @njit(cache=True)
-def free_cost(parent, S, link, p, r, model, work):
-    """Fill H, b and F of `touch_cost` without the cone; return rᵀr, the cost and its part log det(f² H / σ²)."""
+def free_cost(parent, S, link, p, a, r, model, work):
+    """Fill H, b and F of `touch_cost` without the cone; return rᵀr, the cost and its part log det(W⁻¹ H)."""
     sigma, (H, b, F) = model.sigma, work
     h00 = h01 = h02 = h11 = h12 = h22 = b0 = b1 = b2 = rr = 0.0
     for j in range(r.shape[0]):
@@ -63,12 +64,15 @@ def free_cost(parent, S, link, p, r, model, work):
         h11, h12, h22 = h11 + y * y, h12 + y * z, h22 + z * z
         b0, b1, b2 = b0 + x * r[j], b1 + y * r[j], b2 + z * r[j]
         j = parent[j]
-    ridge = (sigma / model.force) ** 2
-    H[0, 0], H[1, 1], H[2, 2] = h00 + ridge, h11 + ridge, h22 + ridge
-    H[0, 1], H[0, 2], H[1, 2] = h01, h02, h12
-    H[1, 0], H[2, 0], H[2, 1] = h01, h02, h12
+    along = (sigma / model.force) ** 2
+    ridge = along / model.across**2
+    k = along - ridge
+    H[0, 0], H[1, 1] = h00 + ridge + k * a[0] * a[0], h11 + ridge + k * a[1] * a[1]
+    H[2, 2] = h22 + ridge + k * a[2] * a[2]
+    H[0, 1], H[0, 2], H[1, 2] = h01 + k * a[0] * a[1], h02 + k * a[0] * a[2], h12 + k * a[1] * a[2]
+    H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
     b[0], b[1], b[2] = b0, b1, b2
-    spread = np.log(max(solve3(H, b, F), 1e-300)) - 3.0 * np.log(ridge)
+    spread = np.log(max(solve3(H, b, F), 1e-300)) - 2.0 * np.log(ridge) - np.log(along)
     return rr, (rr - F[0] * b0 - F[1] * b1 - F[2] * b2) / (sigma * sigma) + spread, spread
 
 
@@ -76,9 +80,9 @@ def free_cost(parent, S, link, p, r, model, work):
 def touch_cost(parent, S, link, p, inward, r, model, work):
     """Return misfit and spread of a contact at p, whose sum is its cost, and fill F (3,) with its force (N).
 
-    With J the Jacobian of p, H = J Jᵀ + (σ / f)² I and f the size of a usual force, F minimizes the misfit
-    ‖r − JᵀF‖² / σ² + ‖F‖² / f² inside the friction cone. The spread log det(f² H / σ²) weighs how exactly F has to be
-    chosen. Both allow for the true point lying within `cell` (m) of p on the surface.
+    With J the Jacobian of p, f the size of a usual force, W = (σ / f)² along the normal and more across it, and
+    H = J Jᵀ + W, F minimizes the misfit (‖r − JᵀF‖² + FᵀWF) / σ² inside the friction cone. The spread log det(W⁻¹ H)
+    weighs how exactly F has to be chosen. Both allow for the true point lying within `cell` (m) of p on the surface.
 
     Parameters
     ----------
@@ -92,7 +96,7 @@ def touch_cost(parent, S, link, p, inward, r, model, work):
     work : Work
         Left with H, J r and F.
     """
-    rr, _, spread = free_cost(parent, S, link, p, r, model, work)
+    rr, _, spread = free_cost(parent, S, link, p, inward, r, model, work)
     sigma, cell, (H, b, F) = model.sigma, model.cell, work
     misfit = (rr + cone_minimum(H, b, inward, model.mu, F)) / (sigma * sigma)
     if cell > 0.0:
@@ -140,7 +144,7 @@ def residual_costs(parent, S, link, p, a, r, model):
     m = link.shape[0]
     cost, misfit, spread, scratch = np.empty(m), np.empty(m), np.empty(m), work()
     for c in range(m):
-        _, cost[c], spread[c] = free_cost(parent, S, link[c], p[c], r, model, scratch)
+        _, cost[c], spread[c] = free_cost(parent, S, link[c], p[c], a[c], r, model, scratch)
         misfit[c] = cost[c] - spread[c]
     bound = cost.min() + _NARROW
     if m > _MOST:

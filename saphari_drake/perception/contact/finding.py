@@ -1,8 +1,9 @@
-"""The contact from frame to frame: tracked where a camera sees it, by cameras and residual together where none does."""
+"""The contact from frame to frame: where the person is seen, and of a touch that is felt, what explains it best."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
@@ -21,21 +22,18 @@ Outputs = MappingProxyType[str, Callable[["Found", float], object]]
 class Found(NamedTuple):
     """What is remembered of the frames, and what they show."""
 
-    seen: ContactTrack = ContactTrack()
-    hidden: ContactTrack = ContactTrack()
+    seen: ContactTrack = ContactTrack()  # what the cameras see
+    touch: ContactTrack = ContactTrack()  # where the touch is that is felt
     evidence: FusionMemory | None = None
     fusion: Fusion = NOTHING
     felt: bool = False  # whether a touch is felt
     # Whether what is seen lies so near that it touches, whatever explains the residual better; or did in this touch.
     near: bool = False
-    doubted: bool = False  # whether something hidden explains it better
 
     @property
     def contact(self) -> ContactPoint:
-        """The contact: where it is seen; if only farther away, where it is hidden, if that explains more."""
-        if self.near or not self.doubted:
-            return self.seen.contact
-        return self.hidden.contact if self.hidden.contact.found else ContactPoint(stamp=self.seen.contact.stamp)
+        """The contact: where the touch is that is felt, else where the person is seen."""
+        return self.touch.contact if self.felt else self.seen.contact
 
 
 def still_near(known: Found, seen: ContactPoint, felt: bool, near: float) -> bool:
@@ -44,11 +42,13 @@ def still_near(known: Found, seen: ContactPoint, felt: bool, near: float) -> boo
 
 
 class ContactFinder:
-    """Follows what the cameras see, and while a touch is felt that they do not see, what explains it best.
+    """Follows what the cameras see, and while a touch is felt, what explains it best.
 
-    A hidden contact is given once frames of weight `least_weight` tell that what is seen explains less, while it is not
-    ambiguous and its force explains the residual: then J_cᵀF̂ is the torque that is felt, and an answer at that point is
-    one to what is felt, wherever the person is. Otherwise what is felt is left to whoever answers without a point.
+    That is where cameras and residual together place it, if its force explains the residual: then J_cᵀF̂ is the torque
+    that is felt, and an answer at that point is one to what is felt. What is seen at the robot counts before what is
+    hidden. A hidden contact is given once frames of weight `least_weight` tell of it, while it is not ambiguous. If
+    nothing explains the residual, what the cameras see counts; otherwise what is felt is left to whoever answers
+    without a point.
 
     Parameters
     ----------
@@ -73,17 +73,22 @@ class ContactFinder:
 
     def __init__(self, robot: RobotModel, params: LocalizerParameters, fusion: FusionParameters) -> None:
         self._tracker, self._gate, self._fusion = ContactTracker(robot, params), params.gate, fusion
+        self._felt_tracker = ContactTracker(robot, replace(params, slide=params.felt_slide))
         self._law, self.torque_sigma = ContactFusionLaw(robot, fusion), fusion.torque_sigma
 
     def after(self, known: Found, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]) -> Found:
-        """Follow the nearest place of the new views, and weigh them with those before."""
+        """Follow the nearest place of the new views and the touch that explains them and those before."""
         seen = self._tracked(known.seen, views, at, places)
         evidence = self._law.remember(known.evidence or self._law.empty(), self._law.evidence(at, views))
         fusion = self._law.decide(evidence)
         felt = self._law.felt(evidence.frames[-1])
         near = still_near(known, seen.contact, felt, self._fusion.near)
-        doubted = len(fusion.modes) > 0 and not fusion.modes[0].seen
-        return Found(seen, self._hidden(known.hidden, evidence, fusion, at), evidence, fusion, felt, near, doubted)
+        touch = ContactTrack()
+        if felt:
+            place = self._explanation(evidence, fusion, near) or self._as_seen(seen, fusion, near)
+            last = known.touch if known.felt else touch
+            touch = self._felt_tracker.after(last, [place], at._replace(r=None)) if place else touch
+        return Found(seen, touch, evidence, fusion, felt, near)
 
     def _tracked(
         self, track: ContactTrack, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]
@@ -94,14 +99,23 @@ class ContactFinder:
             return track
         return self._tracker.after(track, _first(nearest), at)
 
-    def _hidden(self, track: ContactTrack, evidence: FusionMemory, fusion: Fusion, at: Instant) -> ContactTrack:
-        """Follow the best explanation where no camera sees it, if it is one."""
-        p, mode = self._fusion, fusion.modes[0] if fusion.modes else None
+    def _explanation(self, evidence: FusionMemory, fusion: Fusion, near: bool) -> Place | None:
+        """Return what explains the touch best: of what is seen if it is near, unless it is hidden and unsure."""
+        p = self._fusion
+        if near and fusion.seen and not fusion.modes[0].seen:
+            fusion = self._law.by_one(evidence, fusion, fusion.seen[0])
+        mode = fusion.modes[0]
         sure = evidence.weight >= p.least_weight and fusion.second_weight <= p.ambiguous
-        if mode is None or mode.seen or not (sure and self._law.explains(evidence, fusion)):
-            return ContactTrack()
-        place = Place(mode.link, 0.0, mode.p_L, mode.n_L)
-        return self._tracker.after(track, [place], at._replace(r=None))
+        if not (mode.seen or sure) or not self._law.explains(evidence, fusion):
+            return None
+        return Place(mode.link, mode.distance if mode.seen else 0.0, mode.p_L, mode.n_L)
+
+    def _as_seen(self, seen: ContactTrack, fusion: Fusion, near: bool) -> Place | None:
+        """Return where the cameras see the contact, if the residual does not place it elsewhere."""
+        contact = seen.contact
+        if not contact.found or not (near or fusion.modes[0].seen):
+            return None
+        return Place(contact.link, contact.distance, contact.p_LC, contact.n_L)
 
 
 def _first(places: Sequence[Place]) -> Sequence[Place]:

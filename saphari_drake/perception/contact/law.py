@@ -23,12 +23,12 @@ from saphari_drake.math.primitives import Primitives
 from saphari_drake.perception.camera.frames import Instant, instant
 from saphari_drake.perception.camera.model import CameraParameters, pinhole
 from saphari_drake.perception.contact import evidence as kernels
-from saphari_drake.perception.contact.candidates import rounded, surface_candidates
+from saphari_drake.perception.contact.candidates import surface_candidates
 from saphari_drake.perception.contact.forces import ContactForces, in_world
+from saphari_drake.perception.contact.mode_search import ModeSearch
 from saphari_drake.perception.contact.parameters import FusionParameters
-from saphari_drake.perception.contact.places import Place, View
+from saphari_drake.perception.contact.places import View
 from saphari_drake.perception.contact.pointing import Ray, limb_ray, limb_rays, ray_costs
-from saphari_drake.perception.contact.refinement import Start, refine
 from saphari_drake.perception.contact.values import NOTHING, Evidence, Fusion, FusionMemory, Mode, weighed
 from saphari_drake.robots.model import RobotModel
 
@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 
 _HOPELESS = 30.0  # a mode of the grid that costs so much more than the best one is not refined
 _SHOWN = 8.0  # a mode of the grid beyond those that are refined is shown up to this cost above the best one
-_GROUP = 2  # frames that the refinement takes as one, with their mean residual
 _CLOUD = 300  # about so many of the person's points are looked at for the distance of the candidates
 
 
@@ -53,11 +52,8 @@ class ContactFusionLaw:
         self.robot, self.params = robot, params
         self.candidates = c = surface_candidates(robot, params.candidates)
         self._forces = ContactForces(robot, params)
-        s = robot.shapes
-        self._rounded = rounded(s)
-        self._shapes = Primitives(s.kind, s.size, s.link, s.R_LS, s.p_LS)
-        self._model = kernels.ForceModel(1.0, params.force_scale, params.friction, 0.4 * c.spacing)
-        self._steps = c.spacing * np.array([0.5, 0.2, 0.08])
+        self._model = kernels.ForceModel(1.0, params.force_scale, params.friction, 0.4 * c.spacing, params.force_across)
+        self._search = ModeSearch(robot, params, c, self._model)
         self._compile()
 
     def _compile(self) -> None:
@@ -150,17 +146,17 @@ class ContactFusionLaw:
         p = self.params
         if not memory.frames:
             return NOTHING
-        at, seen = memory.frames[-1], self._seen(memory)
+        at, seen = memory.frames[-1], self._search.seen(memory)
         if not self.felt(at):
             chosen = [min(seen, key=lambda mode: mode.cost)] if seen else []
-            return Fusion(chosen, None, 0.0, self._forces.forces(memory, chosen), chosen, np.ones(len(chosen)))
+            return Fusion(chosen, None, 0.0, self._forces.forces(memory, chosen), chosen, np.ones(len(chosen)), chosen)
         penalty = p.unseen_cost if seen else 0.0
         cost = memory.misfit + memory.spread * (1.0 + p.again * (memory.weight - 1.0)) + memory.vision_cost + penalty
         grid = self._grid_modes(memory, cost, memory.vision_cost + penalty)
         least = min(mode.cost for mode in (*seen, *grid)) + _HOPELESS
         first, others = grid[: int(p.modes)], grid[int(p.modes) :]
         kept = [mode for mode in first if mode.cost < least]
-        modes = [*seen, *self._refined(memory, kept), *(mode for mode in first if mode.cost >= least)]
+        modes = [*seen, *self._search.refined(memory, kept), *(mode for mode in first if mode.cost >= least)]
         points = np.array([in_world(at, mode) for mode in (*modes, *others)])
         places = weighed((*modes, *others), points, p.mode_distance, p.least_mode)
         modes.sort(key=lambda mode: mode.cost)
@@ -168,42 +164,24 @@ class ContactFusionLaw:
         here = in_world(at, best)
         second = next((m for m in modes if np.linalg.norm(here - in_world(at, m)) > p.mode_distance), None)
         weight = 0.0 if second is None else float(1.0 / (1.0 + np.exp(0.5 * min(second.cost - best.cost, 200.0))))
-        anchors = [self._at_anchor(mode) for mode in seen]
-        chosen = (self._forces.pair(memory, seen, anchors, best) if len(seen) > 1 else []) or [best]
-        return Fusion(chosen, second, weight, self._forces.forces(memory, chosen), *places)
+        own = seen[: len(memory.seen[-1])]
+        anchors = [self._search.at_anchor(mode) for mode in own]
+        chosen = (self._forces.pair(memory, own, anchors, best) if len(own) > 1 else []) or [best]
+        seen.sort(key=lambda mode: mode.cost)
+        return Fusion(chosen, second, weight, self._forces.forces(memory, chosen), *places, seen)
+
+    def by_one(self, memory: FusionMemory, fusion: Fusion, mode: Mode) -> Fusion:
+        """Return a result with one contact at a mode."""
+        return fusion._replace(modes=[mode], forces=self._forces.forces(memory, [mode]))
 
     def explains(self, memory: FusionMemory, fusion: Fusion) -> bool:
         """Whether the forces explain the newest residual, up to its noise and a small share of it."""
         at = memory.frames[-1]
         left = np.asarray(at.r) - sum(at.jacobian(m.link, m.p_L).T @ F for m, F in zip(fusion.modes, fusion.forces))
+        left[[m.shared for m in fusion.modes if m.shared >= 0]] = 0.0
         return bool(
             np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(np.asarray(at.r))
         )
-
-    def _seen(self, memory: FusionMemory) -> list[Mode]:
-        """Return a refined mode for each place where the newest frame sees the person on the surface."""
-        p, modes = self.params, []
-        for entry in memory.seen[-1]:
-            anchor, _ = self.robot.shapes.nearest_on(entry.link, np.mean(self._like(entry, memory), axis=0))
-            away = max(entry.distance - p.near, 0.0) / p.far
-            sigma = p.vision_sigma + p.width_share * entry.width
-            if entry.limb:
-                sigma = p.limb_sigma + 0.5 * entry.limb_gap
-            _, normal = self._rounded.nearest_on(entry.link, anchor)
-            prior = away**2 + entry.cost
-            modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, prior, anchor, entry.limb))
-        return self._refined(memory, modes)
-
-    def _like(self, entry: Place, memory: FusionMemory) -> list[Array]:
-        """Return the points (m) of an entry and of those like it, in all frames."""
-        return [
-            e.p_LC
-            for frame in memory.seen
-            for e in frame
-            if e.link == entry.link
-            and e.limb == entry.limb
-            and np.linalg.norm(e.p_LC - entry.p_LC) < self.params.mode_distance
-        ]
 
     def _grid_modes(self, memory: FusionMemory, cost: Array, prior: Array) -> list[Mode]:
         """Return the best candidates that lie apart from one another."""
@@ -229,21 +207,3 @@ class ContactFusionLaw:
         anchor = at.motion.in_link(mode.link, ray.end + ahead * ray.u)
         sigma, along = p.ray_sigma + p.ray_bend * ahead, at.R_WL[mode.link].T @ ray.u
         return mode._replace(anchor=anchor, sigma=sigma, ray=along, prior=max(mode.prior - cost / len(costs), 0.0))
-
-    def _refined(self, memory: FusionMemory, modes: Sequence[Mode]) -> list[Mode]:
-        """Return modes at the points of their links where they cost least, with their priors in the cost."""
-        p, parent, model = self.params, self.robot.tree.parent, self._model._replace(cell=0.0)
-        window, result = memory.window(_GROUP, p.memory), []
-        for mode in modes:
-            anchor = mode.p_L if mode.anchor is None else mode.anchor
-            start = Start(mode.link, mode.p_L, mode.n_L, anchor, mode.sigma, mode.ray)
-            p_L, n_L, cost = refine(
-                parent, window, self._shapes, self._rounded.size, start, model, p.again, self._steps
-            )
-            result.append(mode._replace(p_L=p_L, n_L=n_L, cost=cost + mode.prior))
-        return result
-
-    def _at_anchor(self, mode: Mode) -> Mode:
-        """Return a seen mode where the cameras see it, before any residual has moved it."""
-        p_L = mode.p_L if mode.anchor is None else mode.anchor
-        return mode._replace(p_L=p_L, n_L=self._rounded.nearest_on(mode.link, p_L)[1])

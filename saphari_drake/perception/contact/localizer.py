@@ -17,6 +17,7 @@ from saphari_drake.perception.camera.frames import DepthFrames, Instant, Samples
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.camera_memory import NOBODY, CameraMemory
 from saphari_drake.perception.contact.finding import ContactFinder, Found
+from saphari_drake.perception.contact.noise import QuietNoise
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
 from saphari_drake.perception.contact.places import PlaceFinder, View
 from saphari_drake.perception.segmentation.robot_filter import Depth, RobotFilter
@@ -38,6 +39,7 @@ class _Memory(Immutable):
     cameras: tuple[CameraMemory, ...] = ()
     stamp: float = -np.inf  # s, of the newest frame
     known: Found = ContactFinder.nothing
+    quiet: QuietNoise | None = None
 
     @property
     def status(self) -> CameraStatus:
@@ -57,6 +59,7 @@ class ContactLocalizer(LeafSystem):
         - image_time
         - torque_external
         - torque_noise
+        - contact
         - correction
         output_ports:
         - contact_point
@@ -78,6 +81,8 @@ class ContactLocalizer(LeafSystem):
         that is not finite counts as none.
     torque_noise : n (Nm), optional, measured standard deviation of torque_external; counts where it is finite and above
         that of the parameters.
+    contact : 1, optional, from `ContactDetector`: while nobody touches, the deviation of a frame's residual, which is
+        the mean over `averaged`, is measured, and counts instead.
     correction : abstract `RigidTransform`, optional, from `CameraCheck`: the camera's pose is ``correction @ X_WC``.
         One a camera: with several, ``correction_0``, ``correction_1`` and so on.
     contact_point : abstract `ContactPoint`; its distance is zero where no camera sees the person there.
@@ -149,6 +154,7 @@ class ContactLocalizer(LeafSystem):
         self._frames = DepthFrames(self, robot, cameras)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(robot.n))
         self._noise = self.DeclareVectorInputPort("torque_noise", BasicVector(robot.n))
+        self._contact = self.DeclareVectorInputPort("contact", BasicVector(1))
         self._corrections = [
             self.DeclareAbstractInputPort(f"correction_{k}" if len(cameras) > 1 else "correction", _STANDS)
             for k in range(len(cameras))
@@ -202,6 +208,8 @@ class ContactLocalizer(LeafSystem):
             return replace(memory, cameras=tuple(cameras))
         newest = max(stamps.values())
         at, views = self._instant(context, memory, newest), []
+        if self._contact.HasValue(context) and self._contact.Eval(context)[0] <= 0.5 and at.r is not None:
+            memory = replace(memory, quiet=(memory.quiet or QuietNoise(0.0 * at.r)).after(at.r))
         for k, stamp in stamps.items():
             sample, repeats = cameras[k].repeated(self._frames.depth(context, k))
             frozen, view = 0 < self._params.frozen_frames <= repeats, self._look(context, k, at)
@@ -217,9 +225,15 @@ class ContactLocalizer(LeafSystem):
         return replace(memory, known=self._way.after(memory.known, views, at, places))
 
     def _instant(self, context: Context, memory: _Memory, stamp: float) -> Instant:
-        """Return the robot at a time, with the residual if there is one."""
-        r = sample_at(memory.residuals, stamp) if memory.residuals else np.full(self._robot.n, np.nan)
+        """Return the robot at a time, with the mean residual around that time if there is one."""
+        averaged, r = self._params.averaged, np.full(self._robot.n, np.nan)
+        if memory.residuals:
+            last = min(stamp + 0.5 * averaged, context.get_time()) + 1e-9
+            around = [sample for time, sample in memory.residuals if last - averaged < time <= last]
+            r = np.mean(around, axis=0) if around else sample_at(memory.residuals, stamp)
         at = instant(self._robot, stamp, sample_at(memory.postures, stamp), r if np.isfinite(r).all() else None)
+        if memory.quiet is not None:
+            return at._replace(sigma=memory.quiet.deviation(self._least_noise))
         if not self._noise.HasValue(context):
             return at
         noise = self._noise.Eval(context)

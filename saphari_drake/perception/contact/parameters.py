@@ -46,6 +46,8 @@ class LocalizerParameters(SegmentationParameters):
     point_sigma: float = 0.004
     near: float = 0.015
     slide: float = 0.005
+    # The same of a contact that is felt too: the residual tells when it slides (m, > 0).
+    felt_slide: float = 0.05
     # Time constant with which what speaks for a limb, or for another link, is smoothed over frames (s, > 0).
     time_constant: float = 0.15
     # Distance from the smoothed point beyond which a point is another place (m, > 0).
@@ -59,15 +61,18 @@ class LocalizerParameters(SegmentationParameters):
     veto: float = 3.0
     # Time over which postures are remembered (s, > 0); a frame that is older when it arrives is not used.
     memory: float = 0.3
+    # Time over which a frame's residual is averaged (s, ≥ 0), about that between two frames: the noise of encoders is
+    # that of a difference, which a sample shows in full and a mean hardly.
+    averaged: float = 0.03
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_positive(
             self, "rank", "softness", "spread", "rounds", "gate", "limb_reach", "limb_radius", "limb_gap",
-            "limb_distance", "limb_softness", "timeout", "point_sigma", "near", "slide", "time_constant", "jump",
-            "switch_frames", "torque_sigma", "felt", "veto", "memory",
+            "limb_distance", "limb_softness", "timeout", "point_sigma", "near", "slide", "felt_slide", "time_constant",
+            "jump", "switch_frames", "torque_sigma", "felt", "veto", "memory",
         )  # fmt: skip
-        require_non_negative(self, "frozen_frames", "thickness", "least_thickness", "most_thickness")
+        require_non_negative(self, "frozen_frames", "thickness", "least_thickness", "most_thickness", "averaged")
         if self.most_thickness < self.least_thickness:
             raise ParameterError("most_thickness", f"must not be below least_thickness, got {self.most_thickness}")
         if not 0.0 <= self.least_seen <= 1.0:
@@ -85,6 +90,9 @@ class FusionParameters:
     # Standard deviation of the residual of each joint (Nm, > 0), and size of a usual force (N, > 0).
     torque_sigma: float = 0.2
     force_scale: float = 30.0
+    # Size of a usual force across the normal, over that along it (> 0): what friction lets it lean. A touch of the
+    # wrist along its normal makes no torque there, which a force of any direction would hardly do.
+    force_across: float = 0.5
     # Friction of skin on the cover, and the share of the largest singular value below which a direction is left out.
     friction: float = 0.5
     rcond: float = 0.02
@@ -146,9 +154,8 @@ class FusionParameters:
 
     def __post_init__(self) -> None:
         require_positive(
-            self, "candidates", "torque_sigma", "force_scale", "friction", "felt", "vision_sigma", "limb_sigma", "near",
-            "far",
-            "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
+            self, "candidates", "torque_sigma", "force_scale", "force_across", "friction", "felt", "vision_sigma",
+            "limb_sigma", "near", "far", "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
             "second_distance", "usual_along", "usual_across", "wander_along", "wander_across",
             "least_force", "force_sizes", "second_odds",
         )  # fmt: skip

@@ -89,6 +89,7 @@ class Mode(NamedTuple):
     anchor: Array | None = None  # (3,) m, the point that the cameras see, in the link's frame
     limb: bool = False  # whether what a camera sees there is explained as a limb
     ray: Array = np.zeros(3)  # (3,) unit in the link's frame; only deviations across it count. Zero: all
+    shared: int = -1  # link beyond this one that is touched too at its border and takes a part of the force; −1: none
 
 
 class Fusion(NamedTuple):
@@ -108,6 +109,8 @@ class Fusion(NamedTuple):
         All places whose probability is worth a word, likeliest first.
     weights : (m,) array
         Their probabilities, ≤ 1 together.
+    seen : sequence of Mode
+        Explanations where a camera sees the person, likeliest first.
     """
 
     modes: list[Mode]
@@ -116,6 +119,7 @@ class Fusion(NamedTuple):
     forces: Array
     places: Sequence[Mode] = ()
     weights: Array = np.zeros(0)
+    seen: Sequence[Mode] = ()
 
     def all_modes(self, stamp: float) -> ContactModes:
         """Return all places and their weights at a time (s) as a message."""

@@ -1,4 +1,4 @@
-"""Which contact counts: what is seen at the robot, then what explains the residual, then nothing."""
+"""Which contact counts: where a touch that is felt is explained, or where the person is seen."""
 
 import numpy as np
 
@@ -11,13 +11,11 @@ def track(link):
     return ContactTrack(ContactPoint(link >= 0, link, np.zeros(3), np.ones(3), 0.02, 1.0))
 
 
-def test_what_is_seen_at_the_robot_counts_before_what_is_felt_elsewhere():
-    seen, hidden, nothing = track(2), track(4), track(-1)
-    assert Found(seen, hidden, near=True, doubted=True).contact.link == 2
-    assert Found(seen, hidden, near=False, doubted=True).contact.link == 4
-    assert Found(seen, hidden, near=False, doubted=False).contact.link == 2
-    unsure = Found(seen, nothing, near=False, doubted=True).contact
-    assert not unsure.found and unsure.stamp == 1.0
+def test_a_touch_that_is_felt_is_where_all_evidence_places_it():
+    seen, touch, nothing = track(2), track(4), track(-1)
+    assert Found(seen, touch, felt=True).contact.link == 4
+    assert Found(seen, touch).contact.link == 2
+    assert not Found(seen, nothing, felt=True).contact.found
     assert not Found().contact.found
 
 

@@ -90,6 +90,7 @@ def test_cost_equals_its_plain_twin(law):
 def test_refined_point_costs_no_more_than_any_near_it(law):
     """The twin: the window's cost written out, searched over a fine net of surface points around the start."""
     rng, c, p, s = np.random.default_rng(3), law.candidates, law.params, law.robot.shapes
+    search = law._search
     for k in np.flatnonzero(c.link == 4)[::60]:
         terms, _, r = push(law, law.robot.home, k)
         frames = np.array([r + 0.02 * rng.normal(size=7) for _ in range(2)])
@@ -108,14 +109,14 @@ def test_refined_point_costs_no_more_than_any_near_it(law):
 
         model = ForceModel(p.torque_sigma, p.force_scale, p.friction, 0.0)
         found, normal, least = refine(
-            terms.parent, Window(S, R_WL, p_WL, frames, weight), law._shapes, law._rounded.size,
-            Start(link, c.p_L[k], c.n_L[k], anchor, 0.005, np.zeros(3)), model, p.again, law._steps,
+            terms.parent, Window(S, R_WL, p_WL, frames, weight), search._shapes, search._rounded.size,
+            Start(link, c.p_L[k], c.n_L[k], anchor, 0.005, np.zeros(3)), model, p.again, search._steps,
         )  # fmt: skip
         assert least == pytest.approx(cost(found, normal), rel=1e-6, abs=1e-3)
         assert least <= cost(c.p_L[k], c.n_L[k]) + 1e-6
         net = [s.nearest_on(link, found + 0.004 * rng.normal(size=3))[0] for _ in range(60)]
-        best = min(net, key=lambda q: cost(q, law._rounded.nearest_on(link, q)[1]))
-        if cost(best, law._rounded.nearest_on(link, best)[1]) < least:
+        best = min(net, key=lambda q: cost(q, search._rounded.nearest_on(link, q)[1]))
+        if cost(best, search._rounded.nearest_on(link, best)[1]) < least:
             assert np.linalg.norm(best - found) < 0.012  # a pattern search stops within its finest steps
 
 
