@@ -35,7 +35,7 @@ def main_touched(run: GuidingRun) -> Mask:
 
 
 def second_phase(run: GuidingRun) -> Mask:
-    """Return from when the second hand presses until the first one lets go (T,).
+    """Return from when the second hand presses until the first one's force falls below `touch_off` for good (T,).
 
     Raises
     ------
@@ -47,9 +47,12 @@ def second_phase(run: GuidingRun) -> Mask:
     both = np.flatnonzero(pressed & main_touched(run))
     if len(both) == 0:
         raise NothingToJudgeError("the second hand does not touch while the first one does")
-    after = np.arange(len(pressed)) >= both[0]
-    lost = np.flatnonzero(after & ~main_touched(run))
-    return after & (np.arange(len(pressed)) < (lost[0] if len(lost) else len(pressed)))
+    params: HandGuidingParameters = run.setup.scenario.system.pipeline.controller
+    held = np.flatnonzero(
+        np.linalg.norm(true_force(run, main), axis=1) >= (params.end_effector, params.body)[main].touch_off
+    )
+    rows = np.arange(len(pressed))
+    return (rows >= both[0]) & (rows <= held[-1])
 
 
 def main_task_disturbance(run: GuidingRun, alone: GuidingRun) -> float:
