@@ -1,8 +1,8 @@
 """One control cycle of hand guiding: state of the controller and forces of the hands in, next state and commands out.
 
 | M_c p̈_d = F_c − D_c ṗ_d (48),   ẍ_c = p̈_d + k_d(ṗ_d − ṗ_c) + k_p(p_d − p_c) (50),   c = e, b
-| q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   a_c = ẍ_c − J̇_cq̇ (49, corrected: `priority_acceleration`)
-| τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g − J_eᵀF_e − J_bᵀF_b (47)
+| q̈_c of both a_c = ẍ_c − J̇_cq̇ by `priority_acceleration` (49, corrected)
+| τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g + D_v q̇_c − J_eᵀF_e − J_bᵀF_b (47, with viscous friction)
 """
 
 from __future__ import annotations
@@ -162,7 +162,8 @@ class HandGuiding:
         if hands.known:
             fed, weight = fed + self._following * (hands.torque - fed), 1.0 - self._fading * (1.0 - state.weight)
         track = params.K_D * (state.v - terms.v) + params.K_P * (state.q - terms.q)
-        torque = terms.M @ (a + track) + terms.g + (terms.Cv if params.coriolis else 0.0) - weight * fed
+        torque = terms.M @ (a + track) + terms.g + self.robot.viscous * state.v - weight * fed
+        torque += terms.Cv if params.coriolis else 0.0
         centre = state.centre.copy()
         for point in points:
             centre[point.which] = point.centre
