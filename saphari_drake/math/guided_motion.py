@@ -12,6 +12,7 @@ from saphari_drake.compiled import njit
 from saphari_drake.math.products import apply, product, symmetric_eigen
 
 Array = NDArray[np.float64]
+NO_MOTION = 1e-6  # m/rad (m/m); a smaller singular value is that of a direction in which no joint moves the point
 KNEE = 0.8  # share of the speed limit up to which the admittance is left as it is
 
 
@@ -46,26 +47,30 @@ def task_inverse(J, threshold):
         Number of singular values above the threshold.
     lost : (m,) array
         Unit direction in which the point moves the least; zero at full rank.
+    moving : (n, n) array
+        Projector on the joint motion that moves the point, however little: J (I − moving) = 0, damped or not.
     """
     squares, U = symmetric_eigen(product(J, J.T))
     squares, limit = np.maximum(squares, 0.0), threshold * threshold
+    V = product(J.T, U * np.where(squares > NO_MOTION**2, 1.0 / np.sqrt(np.maximum(squares, NO_MOTION**2)), 0.0))
     full = squares >= limit
     scale = np.where(full, 1.0 / np.maximum(squares, limit), (2.0 - squares / limit) / limit)
     J_inv = product(J.T, product(U * scale, U.T))
     reachable, rank = product(U * (scale * squares), U.T), np.sum(full)
     lost = U[:, 0].copy() if rank < len(squares) else np.zeros(len(squares))
-    return J_inv, reachable, rank, lost
+    return J_inv, reachable, rank, lost, product(V, V.T)
 
 
 @njit(cache=True)
 def priority_acceleration(J, a, rest, threshold):
     """Return the joint acceleration that moves one point exactly, and another as far as the first leaves it free.
 
-        q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   N_1 = I − J_1†J_1,   N_2 = N_1 − (J_2N_1)†J_2N_1.
+        q̈_c = q̈_1 + (J_2N_1)†(a_2 − J_2q̈_1),   q̈_1 = J_1†a_1 + (I − J_1†J_1) r,   J_1N_1 = 0.
 
     Corrected: (49) prints N_1J_2† for (J_2N_1)†, which realises only a part of the second acceleration that is
-    possible. The last term, not in (49), says what joint motion does that no point asks for. As long as the singular
-    values of J_1 are zero or above the threshold, J_1q̈_c = J_1J_1†a_1 whatever a_2 and r are.
+    possible. The term of r, not in (49), says what joint motion does that no point asks for. N_1 leaves out all that
+    moves the main point, also where J_1† is damped: J_1q̈_c = J_1q̈_1 whatever a_2 is, and J_1J_1†a_1 whatever r is
+    as long as the singular values of J_1 are zero or above the threshold.
 
     Parameters
     ----------
@@ -90,11 +95,11 @@ def priority_acceleration(J, a, rest, threshold):
     """
     k, n = J.shape[0], J.shape[2]
     reachable, rank, lost = np.empty((k, 3, 3)), np.empty(k), np.empty((k, 3))
-    J_inv, reachable[0], rank[0], lost[0] = task_inverse(J[0], threshold)
-    N_1 = np.eye(n) - product(J_inv, J[0])
-    acceleration = apply(J_inv, a[0]) + apply(N_1, rest)
+    J_inv, reachable[0], rank[0], lost[0], moving = task_inverse(J[0], threshold)
+    N_1 = np.eye(n) - moving
+    acceleration = rest + apply(J_inv, a[0] - apply(J[0], rest))
     if k > 1:
-        J_inv, reachable[1], rank[1], lost[1] = task_inverse(product(J[1], N_1), threshold)
+        J_inv, reachable[1], rank[1], lost[1], _ = task_inverse(product(J[1], N_1), threshold)
         acceleration += apply(J_inv, a[1] - apply(J[1], acceleration))
     return acceleration, N_1, reachable, rank, lost
 
@@ -179,7 +184,7 @@ def limit_joint_velocity(v, J, low, high, threshold):
     J : (k, 3, n) array
         Jacobians of the main and the second point, k from 0 to 2.
     low, high : (n,) arrays
-        Bounds, low ≤ 0 ≤ high.
+        Bounds, low ≤ high.
     threshold : float
         Singular values below this are damped.
     """
@@ -202,10 +207,9 @@ def limit_joint_velocity(v, J, low, high, threshold):
         following = held.copy()
         N = np.diag(free)
         for i in range(k):
-            J_free = product(J[i], N)
-            J_inv, _, _, _ = task_inverse(J_free, threshold)
+            J_inv, _, _, _, moving = task_inverse(product(J[i], N), threshold)
             following += apply(J_inv, apply(J[i], v - following))
-            N = N - product(J_inv, J_free)
+            N = N - moving
     return np.minimum(np.maximum(following, low), high), True
 
 
@@ -223,17 +227,15 @@ class JointLimits(NamedTuple):
     def velocity(self, q: Array, v: Array, v_asked: Array, J: Array, threshold: float) -> tuple[Array, bool]:
         """Return the joint velocity (n,) that follows `v` at `q`, and whether `v_asked` had to be changed for it.
 
-        The bounds of `limit_joint_velocity` are (distance to the limit)/`approach_time`, at most v_max. Braking in time
-        for a limit comes last, and is not told.
+        The bounds of `limit_joint_velocity` are (distance to the limit)/`approach_time`, at most v_max, as far as the
+        acceleration allows. Braking in time for a limit comes last, and is not told.
         """
         below, above = np.maximum(q - self.q_min, 0.0), np.maximum(self.q_max - q, 0.0)
         low, high = (
             sign * np.minimum(room / self.approach_time, self.v_max) for sign, room in ((-1, below), (1, above))
         )
+        most = self.max_acceleration * self.period
+        low, high = (np.minimum(np.maximum(bound, v - most), v + most) for bound in (low, high))
         following, changed = limit_joint_velocity(v_asked, J, low, high, threshold)
-        change, most = following - v, self.max_acceleration * self.period
-        largest = float(np.abs(change).max())
-        if largest > most:
-            following, changed = v + (most / largest) * change, True
         twice = 2.0 * self.max_deceleration
         return np.minimum(np.maximum(following, -np.sqrt(twice * below)), np.sqrt(twice * above)), changed

@@ -11,6 +11,7 @@ from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.math.guided_motion import admittance, admittance_matrices, task_inverse
 from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import evaluate_dynamics
+from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.runner.results import NothingToJudgeError
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ def main_touched(run: GuidingRun) -> Mask:
 
 
 def second_phase(run: GuidingRun) -> Mask:
-    """Return from when the second hand presses until the first one lets go (T,).
+    """Return from when the second hand presses until the first one's force falls below `touch_off` for good (T,).
 
     Raises
     ------
@@ -47,9 +48,12 @@ def second_phase(run: GuidingRun) -> Mask:
     both = np.flatnonzero(pressed & main_touched(run))
     if len(both) == 0:
         raise NothingToJudgeError("the second hand does not touch while the first one does")
-    after = np.arange(len(pressed)) >= both[0]
-    lost = np.flatnonzero(after & ~main_touched(run))
-    return after & (np.arange(len(pressed)) < (lost[0] if len(lost) else len(pressed)))
+    params: HandGuidingParameters = run.setup.scenario.system.pipeline.controller
+    held = np.flatnonzero(
+        np.linalg.norm(true_force(run, main), axis=1) >= (params.end_effector, params.body)[main].touch_off
+    )
+    rows = np.arange(len(pressed))
+    return (rows >= both[0]) & (rows <= held[-1])
 
 
 def main_task_disturbance(run: GuidingRun, alone: GuidingRun) -> float:
@@ -108,8 +112,13 @@ def secondary_realised(run: GuidingRun) -> float:
 
 def held_back(run: GuidingRun) -> Mask:
     """Return when a joint is within 0.05 rad of the bounds that the controller keeps, or near its speed limit (T,)."""
-    robot, params = run.setup.robot, run.setup.scenario.system.pipeline.controller
-    q, v, margin = run.log["position"], run.log["velocity"], params.joint_margin + 0.05
+    params = run.setup.scenario.system.pipeline.controller
+    return near_limits(run.setup.robot, params, run.log["position"], run.log["velocity"])
+
+
+def near_limits(robot: RobotModel, params: HandGuidingParameters, q: Array, v: Array) -> Mask:
+    """Return when a joint is so near to its bounds, for positions (rad or m) and velocities (T, n)."""
+    margin = params.joint_margin + 0.05
     near = (q < robot.q_min + margin) | (q > robot.q_max - margin)
     fast = np.abs(v) > 0.97 * params.joint_speed_share * robot.v_max
     approaching = (robot.q_max - q < 1.05 * params.approach_time * v) | (

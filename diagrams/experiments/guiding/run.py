@@ -122,7 +122,7 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     system = deepcopy(scenario.system)
     system.skin_sensor.seed = system.force_sensor.seed = system.skin_sensor.modules.seed = scenario.seed
     layout = SkinLayout(robot, system.skin_layout)
-    grips = _grips(scenario, system, robot, layout, synthetic)
+    grips = hands_of(scenario, system, robot, layout, synthetic)
     builder = DiagramBuilder()
     truth = scenario.truth(system.pipeline.period)
     cell = add_guiding_cell(builder, robot, grips, system, layout, truth)
@@ -135,7 +135,7 @@ def build(scenario: GuidingScenario, synthetic: Path, meshcat: Meshcat | None = 
     return GuidingSetup(scenario, robot, grips, builder.Build(), cell, recorder, fast)
 
 
-def _grips(
+def hands_of(
     scenario: GuidingScenario, system: GuidingCellParameters, robot: RobotModel, layout: SkinLayout, synthetic: Path
 ) -> list[Grip]:
     """Return both hands as this seed has them."""

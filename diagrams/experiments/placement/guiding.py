@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.guiding.judge import near_limits
+from experiments.guiding.run import hands_of
 from experiments.placement.arm import PlacedArm, placed_arm
+from saphari_drake.control.hand_guiding.law import HandGuiding
+from saphari_drake.control.hand_guiding.touch import HandForces
 from saphari_drake.errors import ModelError
 from saphari_drake.math.primitives import CAPSULE, CYLINDER
-from saphari_drake.perception.skin.layout import MIN_CURVATURE_RADIUS, SkinLayoutParameters
+from saphari_drake.perception.skin.layout import MIN_CURVATURE_RADIUS, SkinLayout, SkinLayoutParameters
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.people.guiding_hands import Hand
 
 Array = NDArray[np.float64]
+SIZES = (1.0, 0.7, 0.5)  # of the pulls; the first with which joints keep clear of their limits
+PERIOD = 0.01  # s, of the cycles in which that is tried
 
 
 def skin_patch(arm: PlacedArm, layout: SkinLayoutParameters) -> None:
@@ -53,7 +64,11 @@ def skin_patch(arm: PlacedArm, layout: SkinLayoutParameters) -> None:
 
 
 def place_hands(scenario: Any, robot: RobotModel) -> None:
-    """Fit a `GuidingScenario`: posture, skin, wrist sensor, and the pulls of the end effector along the arm's axes."""
+    """Fit a `GuidingScenario`: posture, skin, wrist sensor, and the pulls of the end effector along the arm's axes.
+
+    They are turned to the sides, and lowered, as it takes for the joints to keep clear of their limits; what comes
+    nearest to that if nothing does.
+    """
     arm = placed_arm(robot)
     scenario.home = arm.home_deg
     system = scenario.system
@@ -62,7 +77,41 @@ def place_hands(scenario: Any, robot: RobotModel) -> None:
     system.pipeline.wrist.tip_frame = robot.link_names[-1]
     # Written for an arm that reaches along y: x there is to its right.
     R = np.column_stack([-arm.aside, arm.ahead, [0.0, 0.0, 1.0]])
-    _turn(scenario.end_effector, R)
+    given, hand = deepcopy(scenario.end_effector.pulls), scenario.end_effector
+    if scenario.case == "recorded":
+        _turn(hand, R)
+        return
+    least, best = np.inf, hand.pulls
+    for size, *signs in itertools.product(SIZES, (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
+        hand.pulls = deepcopy(given)
+        _turn(hand, size * R * signs)
+        cycles = sum(held_back(scenario, arm.robot, second) for second in (0.0, 1.0, 3.0))
+        if cycles < least:
+            least, best = cycles, hand.pulls
+        if least == 0:
+            break
+    hand.pulls = best
+
+
+def held_back(scenario: Any, robot: RobotModel, second: float) -> int:
+    """Return in how many cycles joints would come near their limits, with the second hand's force so many times."""
+    tried, system = deepcopy(scenario), deepcopy(scenario.system)
+    tried.second_scale *= second
+    system.pipeline.__post_init__()
+    # Gains of the servo are without effect on what is commanded; these suit the period.
+    other = {"feedback": "commanded", "K_P": 400.0, "K_D": 40.0, "hand_stiffness": 0.0, "period": PERIOD}
+    params = replace(system.pipeline.controller, **other)
+    hands = hands_of(tried, system, robot, SkinLayout(robot, system.skin_layout), Path())
+    law, path = HandGuiding(robot, params), []
+    state = law.start(evaluate_dynamics(robot, robot.home, np.zeros(robot.n)))
+    for time in np.arange(0.0, tried.duration, PERIOD):
+        force = np.array([grip.hand.demand(time) for grip in hands])
+        link = hands[1].link if force[1].any() else -1
+        terms = evaluate_dynamics(robot, state.q, state.v)
+        state, _ = law.step(state, terms, HandForces(force, np.zeros(robot.n), link, hands[1].p_LC, True))
+        path.append((state.q, state.v))
+    q, v = np.array(path).transpose(1, 0, 2)
+    return int(near_limits(robot, params, q, v).sum())
 
 
 def _turn(hand: Hand, R: Array) -> None:

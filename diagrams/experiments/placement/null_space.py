@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from experiments.placement.arm import PlacedArm, null_space_gains, placed_arm, task_gain_ratio
 from saphari_drake.errors import ModelError, ParameterError
 from saphari_drake.math.primitives import CAPSULE, CYLINDER
-from saphari_drake.robots.catalog import lwr4
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.obstacles import TouchPlace, approach
 
@@ -74,10 +73,6 @@ def place_obstacles(scenario: Any, robot: RobotModel) -> None:
     side = -touch.direction if touch.direction @ arm.aside > 0.0 else touch.direction
     place = _open_side(arm, touch, side, cell.ball.radius)
     cell.ball.touch, cell.wall.touch = place, TouchPlace(place.link, list(place.aim), list(place.direction))
-    # Joint friction as large a share of the motors' torque as that of the LWR4 is.
-    own = lwr4().tau_max
-    for name in ("coulomb", "viscous"):
-        setattr(cell, name, (np.mean(np.array(getattr(cell, name)) / own) * robot.tau_max).tolist())
     scale = min(arm.scale, 1.0)
     scenario.motion.displacement = (-scale * np.linalg.norm(scenario.motion.displacement) * side).tolist()
     cell.wall.gap *= scale

@@ -11,6 +11,7 @@ from experiments.placement.arm import PlacedArm
 from saphari_drake.errors import ModelError
 from saphari_drake.math.primitives import CAPSULE, CYLINDER, nearest_surface_point, surface_point
 from saphari_drake.perception.camera.model import CameraParameters
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.people.pushing_hand import HumanHand, Push, find_target
 from saphari_drake.simulation.world.hand import HandParameters
 
@@ -22,6 +23,8 @@ LEVER = 0.06  # m; least singular value of the contact's Jacobian over the reach
 MASS = 0.8  # kg; least effective mass along the push: below, the impedance lowers its gains
 LOAD = 0.8  # share of the torque limits that gravity and push may take
 FLOOR = 0.12  # m; least height of what is touched
+YIELD = 0.06  # m; how far the arm yields to the push: 30 N over 500 N/m
+FOLDS = 20.0  # what it costs a push that another link comes to the hand then
 AXES = tuple(sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0))
 
 
@@ -44,7 +47,8 @@ def push_on(
 
     It meets that link first, on a surface that faces it, where the contact's Jacobian has rank three with the least
     singular value as large as can be and the torque limits are kept; the camera sees finger and contact, and the hand
-    touches nothing else. A contact with an effective mass of `MASS` along the push goes before any that is lighter.
+    touches nothing else, nor does it, if that can be had, when the arm has yielded by `YIELD`. A contact with an
+    effective mass of `MASS` along the push goes before any that is lighter.
     """
     rng, best, chosen = np.random.default_rng([link, 17]), -np.inf, None
     for direction in directions:
@@ -54,7 +58,10 @@ def push_on(
             score = _felt(arm, camera, link, p_W, n_W, d, force)
             if score <= best:
                 continue
-            finger = _finger(arm, camera, hand, p_W, n_W, d)
+            moved = yielded(arm, link, p_W, d)
+            finger = _finger(arm, moved, camera, hand, p_W, n_W, d)
+            if finger is None and score - FOLDS > best:
+                score, finger = score - FOLDS, _finger(arm, arm, camera, hand, p_W, n_W, d)
             if finger is None:
                 continue
             aim = np.round(arm.terms.in_link(link, p_W), 4).tolist()
@@ -98,8 +105,17 @@ def _view(camera: CameraParameters, p_W: Array) -> Array:
     return np.asarray(away / np.linalg.norm(away))
 
 
+def yielded(arm: PlacedArm, link: int, p_W: Array, d: Array) -> PlacedArm:
+    """Return the arm after a push at a point has moved it along d, each joint by what its inertia lets it."""
+    terms = arm.terms
+    J = terms.point(link, terms.in_link(link, p_W)).Jv_WC
+    M_inv_JT = np.linalg.solve(terms.M, J.T)
+    q = terms.q + M_inv_JT @ np.linalg.solve(J @ M_inv_JT, YIELD * d)
+    return arm._replace(terms=evaluate_dynamics(arm.robot, q, np.zeros(arm.robot.n)))
+
+
 def _finger(
-    arm: PlacedArm, camera: CameraParameters, hand: HandParameters, p_W: Array, n_W: Array, d: Array
+    arm: PlacedArm, moved: PlacedArm, camera: CameraParameters, hand: HandParameters, p_W: Array, n_W: Array, d: Array
 ) -> Array | None:
     """Direction in which a finger points so that it is seen and the hand keeps clear, or None."""
     view = _view(camera, p_W)
@@ -110,9 +126,13 @@ def _finger(
     turned = [0.35 * d + np.cos(a) * x + np.sin(a) * y for a in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)]
     for finger in [d, *sorted((t / np.linalg.norm(t) for t in turned), key=lambda t: float(abs(t @ view)))]:
         back = -finger
-        if back @ n_W > 0.2 and np.arccos(np.clip(back @ view, -1.0, 1.0)) > ASIDE and _hand_clear(
-            arm, hand, p_W + hand.finger_radius * n_W, finger, d
-        ):  # fmt: skip
+        tip = p_W + hand.finger_radius * n_W
+        if (
+            back @ n_W > 0.2
+            and np.arccos(np.clip(back @ view, -1.0, 1.0)) > ASIDE
+            and _hand_clear(arm, hand, tip, finger, d, (0.0, 0.5 * HumanHand.STANDOFF, HumanHand.STANDOFF))
+            and (moved is arm or _hand_clear(moved, hand, tip + YIELD * d, finger, d, (0.0,)))
+        ):
             return np.round(finger, 3)
     return None
 
@@ -130,13 +150,15 @@ def _gap(arm: PlacedArm, p_W: Array) -> float:
     return float(nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, p_W)[1])
 
 
-def _hand_clear(arm: PlacedArm, hand: HandParameters, tip: Array, finger: Array, d: Array) -> bool:
-    """Whether finger, fist and forearm keep clear of arm and floor, at the contact and on the way to it."""
+def _hand_clear(
+    arm: PlacedArm, hand: HandParameters, tip: Array, finger: Array, d: Array, backs: Sequence[float]
+) -> bool:
+    """Whether finger, fist and forearm keep clear of arm and floor, so far (m) on the way to the contact."""
     fist = hand.finger_length + 0.7 * hand.fist_radius
     parts = [(s, hand.finger_radius) for s in np.linspace(0.02, hand.finger_length, 4)]
     parts += [(fist + s, hand.forearm_radius) for s in np.linspace(0.0, hand.forearm_length, 5)]
     parts.append((fist, hand.fist_radius))
-    for back in (0.0, 0.5 * HumanHand.STANDOFF, HumanHand.STANDOFF):
+    for back in backs:
         for s, size in parts:
             centre = tip - s * finger - back * d
             if centre[2] < size + 0.02 or _gap(arm, centre) < size + min(0.02, 0.3 * (s + back)):

@@ -1,8 +1,8 @@
 """One control cycle of hand guiding: state of the controller and forces of the hands in, next state and commands out.
 
 | M_c p̈_d = F_c − D_c ṗ_d (48),   ẍ_c = p̈_d + k_d(ṗ_d − ṗ_c) + k_p(p_d − p_c) (50),   c = e, b
-| q̈_c = J_1†a_1 + (J_2N_1)†(a_2 − J_2J_1†a_1) + N_2 r,   a_c = ẍ_c − J̇_cq̇ (49, corrected: `priority_acceleration`)
-| τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g − J_eᵀF_e − J_bᵀF_b (47)
+| q̈_c of both a_c = ẍ_c − J̇_cq̇ by `priority_acceleration` (49, corrected)
+| τ = M(q̈_c + K_D(q̇_c − q̇) + K_P(q_c − q)) + C q̇ + g + D_v q̇_c − J_eᵀF_e − J_bᵀF_b (47, with viscous friction)
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from saphari_drake.parameters import positive_definite
 from saphari_drake.robots.dynamics import DynamicsTerms, evaluate_dynamics
 from saphari_drake.robots.kinematics import PointKinematics
 from saphari_drake.robots.model import RobotModel
+from saphari_drake.robots.reach import reach
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,6 @@ class _Law(NamedTuple):
     """Joint acceleration (49) of the touched points, the main one first."""
 
     points: list[_Point]
-    J: Array
     acceleration: Array
     N_1: Array
     reachable: Array
@@ -113,9 +113,9 @@ class HandGuiding:
         q_min, q_max = robot.q_min + params.joint_margin, robot.q_max - params.joint_margin
         v_max, most = params.joint_speed_share * robot.v_max, (params.max_acceleration, params.max_deceleration)
         self._limits = JointLimits(q_min, q_max, v_max, params.approach_time, *most, T)
-        self._fading = float(np.exp(-T / params.fade_time))
-        self._following = 1.0 - float(np.exp(-T / params.force_time)) if params.force_time > 0.0 else 1.0
-        self._smoothing = 1.0 - float(np.exp(-T / params.point_time))
+        self._fading, self._resting = (float(np.exp(-T / time)) for time in (params.fade_time, params.point_time))
+        self._following = -float(np.expm1(-T / params.force_time)) if params.force_time > 0.0 else 1.0
+        self._shoulder, self._reach = reach(robot, *self.tip)
         # A cycle with two hands compiles the kernels before the first control step.
         terms, link, one = evaluate_dynamics(robot, robot.home, np.zeros(robot.n)), self.tip[0], np.ones((2, 3))
         touched = replace(self.start(terms), touches=Touches((True, True), GuidingPriority.BODY, True), link=link)
@@ -139,7 +139,11 @@ class HandGuiding:
         actual = terms if measured else evaluate_dynamics(self.robot, state.q, state.v)
         link, p_LC, jumped = self._body_point(state, hands, touches)
         points = [self._desired(c, state, actual, hands, touches, (link, p_LC)) for c in touches.order]
-        law = self._law(points, -params.null_damping * state.v) if points else None
+        J, law = np.array([point.at.Jv_WC for point in points]).reshape(-1, 3, self.robot.n), None
+        if points:
+            a = np.array([point.acceleration - point.at.Jdotv_WC for point in points])
+            rest = -params.null_damping * state.v
+            law = _Law(points, *priority_acceleration(J, a, rest, params.damping_threshold))
         nominal = law.acceleration if law else -(params.hold_damping if hands.known else params.fault_damping) * state.v
         # A change of the law fades in, out of sight of a main point that stays the same.
         fade, below = self._fading * state.fade, state.fade_below
@@ -148,7 +152,6 @@ class HandGuiding:
         if below and law:
             fade = law.N_1 @ fade
         v_asked = state.v + T * (nominal + fade)
-        J = law.J if law else np.zeros((0, 3, self.robot.n))
         v_next, held_back = self._limits.velocity(state.q, state.v, v_asked, J, params.damping_threshold)
         a = (v_next - state.v) / T
         q_next = state.q + 0.5 * T * (state.v + v_next)
@@ -159,7 +162,8 @@ class HandGuiding:
         if hands.known:
             fed, weight = fed + self._following * (hands.torque - fed), 1.0 - self._fading * (1.0 - state.weight)
         track = params.K_D * (state.v - terms.v) + params.K_P * (state.q - terms.q)
-        torque = terms.M @ (a + track) + terms.g + (terms.Cv if params.coriolis else 0.0) - weight * fed
+        torque = terms.M @ (a + track) + terms.g + self.robot.viscous * state.v - weight * fed
+        torque += terms.Cv if params.coriolis else 0.0
         centre = state.centre.copy()
         for point in points:
             centre[point.which] = point.centre
@@ -182,7 +186,7 @@ class HandGuiding:
             return state.link, state.p_LC, False
         if not state.touches.touched[1] or hands.link != state.link:
             return hands.link, hands.p_LC, True
-        return state.link, state.p_LC + self._smoothing * (hands.p_LC - state.p_LC), False
+        return state.link, hands.p_LC + self._resting * (state.p_LC - hands.p_LC), False
 
     def _desired(
         self, c: int, state: GuidingState, actual: DynamicsTerms, hands: HandForces, touches: Touches,
@@ -199,17 +203,13 @@ class HandGuiding:
             p_d, v_d = state.p_d[c], state.v_d[c]
             if c == 1:  # the point may have moved on the link
                 p_d = p_d + actual.R_WL[link] @ (p_LC - state.p_LC)
-        limits = self.points[c]
+        limits, far_off = self.points[c], 0.0 if c else params.reach_share * self._reach
         free, fast = admittance(v_d, hands.force[c], *self._admittance[c], limits.max_speed)
         bounds = limits.workspace_radius, params.approach_time, params.point_deceleration * params.period
         v_d_next, bounded = confine(free, p_d, centre, *bounds)
+        v_d_next, far = confine(v_d_next, p_d, self._shoulder, far_off, *bounds[1:])
         acceleration = (v_d_next - v_d) / params.period + params.k_d * (v_d - at.v_WC) + params.k_p * (p_d - at.p_WC)
-        return _Point(c, at, centre, p_d, v_d, v_d_next, acceleration, fast or bounded)
-
-    def _law(self, points: list[_Point], rest: Array) -> _Law:
-        J = np.array([point.at.Jv_WC for point in points])
-        a = np.array([point.acceleration - point.at.Jdotv_WC for point in points])
-        return _Law(points, J, *priority_acceleration(J, a, rest, self.params.damping_threshold))
+        return _Point(c, at, centre, p_d, v_d, v_d_next, acceleration, fast or bounded or far)
 
     def _advance(self, state: GuidingState, law: _Law | None, v_next: Array, shortfall: Array) -> tuple[Array, Array]:
         """Return the desired motion of the next cycle.

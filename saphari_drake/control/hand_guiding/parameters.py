@@ -81,6 +81,9 @@ class HandGuidingParameters:
     timeout: float = 0.05
     # s; the workspace's and the joints' limits are approached with this time constant.
     approach_time: float = 0.2
+    # Share of its reach from the shoulder to which the end effector is led (≤ 1): there the arm is not yet stretched,
+    # whatever its elbow and wrist do, and what a second hand does to these stays without effect.
+    reach_share: float = 0.99
     # m/s²; with which a point that leaves its workspace, or comes too fast to its border, is slowed down at most. A
     # point that is led there needs its speed over the approach time.
     point_deceleration: float = 5.0
@@ -106,13 +109,14 @@ class HandGuidingParameters:
         require_positive(
             self, "k_p", "k_d", "K_P", "K_D", "damping_threshold", "null_damping", "hold_damping", "fault_damping",
             "fade_time", "point_time", "point_deceleration", "timeout", "approach_time", "joint_speed_share", "max_lag",
-            "max_acceleration", "max_deceleration", "release_time", "period",
+            "max_acceleration", "max_deceleration", "release_time", "reach_share", "period",
         )  # fmt: skip
         require_non_negative(self, "force_time", "joint_margin", "partial_share", "hand_stiffness", "hand_damping")
         require_choice(self, "feedback", FEEDBACK)
         require_vector(self, 3, "tip_point")
-        if self.joint_speed_share > 1.0:
-            raise ParameterError("joint_speed_share", f"must not exceed 1, got {self.joint_speed_share}")
+        for name in ("joint_speed_share", "reach_share"):
+            if getattr(self, name) > 1.0:
+                raise ParameterError(name, f"must not exceed 1, got {getattr(self, name)}")
         if self.approach_time < 2.0 * self.period:
             raise ParameterError("approach_time", f"must be at least two periods, {2.0 * self.period} s")
         rate = max(self.null_damping, self.hold_damping, self.fault_damping, self.k_d, self.K_D)

@@ -41,7 +41,7 @@ class JointState(NamedTuple):
     q: Array  # (n,)
     v: Array  # (n,)
     M: Array  # (n, n)
-    Cv: Array  # (n,)
+    Cv: Array  # (n,) and what viscous friction takes
     g: Array  # (n,)
 
 

@@ -185,7 +185,7 @@ class NullSpaceComplianceController(LeafSystem):
         R = np.array(X.rotation().matrix(), order="C")
         desired = Desired(R, np.array(X.translation()), np.array(V), np.array(A), np.array(q_d))
         yielding = Yielding(memory.yielding, memory.offset, memory.speed)
-        joints, estimate = JointState(d.q, d.v, d.M, d.Cv, d.g), np.array(estimate)
+        joints, estimate = JointState(d.q, d.v, d.M, d.Cv + self._robot.viscous * d.v, d.g), np.array(estimate)
         result: tuple[Array, Array, Array] = command_terms(
             self._robot.tree, d.motion, joints, self._frame, desired, yielding, estimate, self.gains
         )

@@ -42,7 +42,7 @@ class Motion(NamedTuple):
     q: Array  # rad or m
     v: Array  # rad/s or m/s
     M: Array
-    h: Array  # C q̇ + g, Nm or N
+    h: Array  # C q̇ + g and viscous friction, Nm or N
     tau_ext: Array  # what the environment does to the robot, Nm or N
     tau: Array  # given in the period before, Nm or N
 

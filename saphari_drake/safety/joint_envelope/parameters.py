@@ -93,6 +93,7 @@ class Envelope(NamedTuple):
     jerk_full: Array  # rad/s³ or m/s³, with which it begins where nothing else takes its share of the torque's rate
     energy: float  # J, less the reserve
     period: float  # s
+    viscous: Array  # Nms/rad or Ns/m, friction of the joints
 
 
 def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
@@ -135,6 +136,7 @@ def envelope_of(robot: RobotModel, params: JointEnvelopeParameters) -> Envelope:
         jerk / (1.0 - params.rate_reserve),
         (1.0 - params.energy_reserve) * params.kinetic_energy,
         params.period,
+        robot.viscous,
     )
 
 

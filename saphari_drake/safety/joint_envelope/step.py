@@ -81,11 +81,12 @@ def stepped(tree: Tree, rules: Rules, memory: Array, q: Array, v: Array, externa
     if all_finite(q) and all_finite(v):
         motion = tree_kinematics(tree, q, v)
         M, Cv, _, g, _ = tree_dynamics(tree, motion, v)
+        h = Cv + g + e.viscous * v
         held = same(command, repeated.command) and np.isfinite(repeated.q_hold[0])
         if held or not known:
             pull = rules.stiffness * ((repeated.q_hold if held else q) - q) - rules.damping * v
-            wish = apply(M, pull) + Cv + g
-        now = Motion(q, v, M, Cv + g, pushed, before)
+            wish = apply(M, pull) + h
+        now = Motion(q, v, M, h, pushed, before)
         limited = limited_torque(e, predicted(e, now, torques, rules.delay, rules.velocity_age), wish)
         torque = limited.torque
         numbers[0] = BAD_INPUT if held or not known else limited.status

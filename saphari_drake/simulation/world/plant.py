@@ -25,6 +25,12 @@ from saphari_drake.simulation.world.true_model import PAYLOAD_HEIGHT, PAYLOAD_RA
 
 Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
+# Nm and Nms/rad, friction reported for the LWR4's joints, and their torque limits (Nm).
+REPORTED = {
+    "coulomb": [11.9, 11.5, 8.98, 8.35, 8.31, 4.72, 6.04],
+    "viscous": [14.4, 15.3, 6.55, 11.0, 4.29, 2.26, 1.6],
+}
+LWR4_TORQUE = [176.0, 176.0, 100.0, 100.0, 100.0, 38.0, 38.0]
 STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
 
 
@@ -44,10 +50,10 @@ class PlantParameters:
     # Whether shapes are loaded. Without them the robot moves the same but touches nothing and is not shown: for model
     # files whose meshes cannot be found.
     geometry: bool = True
-    # Nm (N), Coulomb friction of each joint, and Nms/rad (Ns/m), viscous; as reported for the LWR4, used with
-    # `friction_share`.
-    coulomb: list[float] = field(default_factory=lambda: [11.9, 11.5, 8.98, 8.35, 8.31, 4.72, 6.04])
-    viscous: list[float] = field(default_factory=lambda: [14.4, 15.3, 6.55, 11.0, 4.29, 2.26, 1.6])
+    # Nm (N), Coulomb friction of each joint, and Nms/rad (Ns/m), viscous, used with `friction_share`. Empty: as
+    # reported for the LWR4, and for another arm as large a share of its torque limits in the mean.
+    coulomb: list[float] = field(default_factory=list)
+    viscous: list[float] = field(default_factory=list)
     # Share of that friction that acts; 0: none.
     friction_share: float = 0.0
     # kg; at the origin of the last link's frame, 5 cm farther along its z.
@@ -87,8 +93,16 @@ def joint_friction(robot: RobotModel, params: PlantParameters, truth: Truth) -> 
     coulomb, viscous = truth.profile.coulomb * scale, truth.profile.viscous * scale + robot.viscous
     if share == 0.0:
         return coulomb, viscous
-    dry, damping = (diagonal(getattr(params, name), robot.n, name) for name in ("coulomb", "viscous"))
+    dry, damping = (
+        diagonal(getattr(params, name) or _reported(robot, name), robot.n, name) for name in ("coulomb", "viscous")
+    )
     return coulomb + share * dry, viscous + share * damping
+
+
+def _reported(robot: RobotModel, name: str) -> Array:
+    if np.array_equal(robot.tau_max, LWR4_TORQUE):
+        return np.array(REPORTED[name])
+    return np.asarray(np.mean(np.array(REPORTED[name]) / LWR4_TORQUE) * robot.tau_max)
 
 
 def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, truth: Truth) -> None:

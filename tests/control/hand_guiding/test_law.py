@@ -92,11 +92,27 @@ def test_the_main_task_is_exact_and_the_second_one_within_its_reach(load_arm, ar
     assert np.median(printed) > 0.1
 
 
+def test_the_second_point_leaves_the_main_one_alone_in_a_singularity(lwr4):
+    """J_1q̈ is the same whatever is asked of the second point, also where a singular value of J_1 is damped."""
+    rng, threshold = np.random.default_rng(2), 0.05
+    for bent in (1e-3, 0.02, 0.1):
+        q = HOME.copy()
+        q[3], q[5] = bent, 0.5 * bent
+        _, e, b = jacobians(lwr4, q, np.zeros(7))
+        assert np.linalg.svd(e.Jv_WC)[1][2] < threshold
+        J, a, rest = np.array([e.Jv_WC, b.Jv_WC]), rng.standard_normal((2, 3)), rng.standard_normal(7)
+        moved = [
+            J[0] @ laws.priority_acceleration(J, np.array([a[0], scale * a[1]]), rest, threshold)[0]
+            for scale in (0.0, 1.0, 10.0)
+        ]
+        np.testing.assert_allclose(moved[1:], [moved[0]] * 2, atol=1e-9)
+
+
 def test_every_point_of_the_upper_arm_lacks_one_direction(lwr4):
     """On link 3 the rank is 2; the direction lost points to the shoulder, and forces along it have no effect."""
     for q, v in states(lwr4, 5):
         terms, _, b = jacobians(lwr4, q, v)
-        _, reachable, rank, lost = laws.task_inverse(b.Jv_WC, 1e-3)
+        _, reachable, rank, lost, _ = laws.task_inverse(b.Jv_WC, 1e-3)
         assert rank == 2
         radial = b.p_WC - (terms.p_WL[1])
         np.testing.assert_allclose(np.abs(lost @ radial), np.linalg.norm(radial), rtol=1e-9)
@@ -345,6 +361,22 @@ def test_a_stretched_arm_stays_bounded(lwr4, force):
     before = robot.point()
     robot.run(1.0, F_e=(0.0, -8.0, 0.0))
     assert (robot.point() - before)[1] < -0.05
+
+
+def test_at_the_end_of_its_reach_the_second_hand_does_not_disturb_the_first(lwr4):
+    """Led outwards, the end effector slows down before it is stretched, the same whatever its elbow does."""
+    alone, pair = Guided(lwr4), Guided(lwr4)
+    for robot in (alone, pair):
+        robot.run(0.02)
+        robot.run(0.6, F_e=(0.0, 7.0, 0.0))
+    for _ in range(15):
+        alone.run(0.1, F_e=(0.0, 7.0, 0.0))
+        pair.run(0.1, F_e=(0.0, 7.0, 0.0), F_b=(5.0, 0.0, 0.0))
+        assert np.linalg.norm(pair.velocity() - alone.velocity()) < 0.02 * 0.23
+    for robot in (alone, pair):
+        assert robot.outputs[-1].status == GuidingStatus.LIMITED
+        assert 0.95 < np.linalg.norm(robot.point() - [0.0, 0.0, 0.3105]) / 0.988 < 0.9901
+    assert np.linalg.norm(pair.point(True) - alone.point(True)) > 0.02
 
 
 @pytest.mark.parametrize(

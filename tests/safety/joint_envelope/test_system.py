@@ -196,3 +196,15 @@ def delayed(robot, known):
 def test_times_are_whole_periods(name):
     with pytest.raises(ParameterError, match=name):
         JointEnvelopeParameters(**{name: 0.0015})
+
+
+def test_viscous_friction_is_no_acceleration(load_arm):
+    """A torque that keeps an arm with the friction of its file at one speed passes as it is, a light wrist's too."""
+    robot = load_arm("xarm7")
+    v, home = np.full(robot.n, 0.03), robot.home + [0.0, 0.0, 0.0, 0.5, 0.0, 0.5, 0.0]
+    terms = evaluate_dynamics(robot, home, v)
+    torque = terms.Cv + terms.g + robot.viscous * v
+    system = JointEnvelope(robot, JointEnvelopeParameters(velocity_age=0.0))
+    bench = Bench(system, position_measured=home, velocity_measured=v, torque_commanded=torque)
+    assert robot.viscous.min() > 1.0
+    np.testing.assert_allclose(bench.read("torque_excess"), 0.0, atol=1e-12)

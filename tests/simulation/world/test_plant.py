@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.world.cell import add_cell
-from saphari_drake.simulation.world.plant import PlantParameters
+from saphari_drake.simulation.world.plant import REPORTED, PlantParameters, joint_friction
 from saphari_drake.simulation.world.profile import PlantProfile, Truth
 
 
@@ -31,14 +31,14 @@ def test_each_torque_reaches_its_joint_with_and_without_brakes(lwr4, joint):
     more = np.zeros(7)
     more[joint] = 1.0
     assert moved(lwr4, PlantParameters(), more, 0.002)[joint] > 1e-5
-    v = moved(lwr4, params, (params.coulomb[joint] + 20.0) * more)
+    v = moved(lwr4, params, (REPORTED["coulomb"][joint] + 20.0) * more)
     assert np.argmax(np.abs(v)) == joint and v[joint] > 1e-3
 
 
 def test_a_joint_sticks_below_its_coulomb_friction(lwr4):
     """0.8 of it moves no joint; without friction the same torques do."""
     params = PlantParameters(friction_share=0.5)
-    more = 0.8 * 0.5 * np.array(params.coulomb) * [1, -1, 1, -1, 1, -1, 1]
+    more = 0.8 * 0.5 * np.array(REPORTED["coulomb"]) * [1, -1, 1, -1, 1, -1, 1]
     assert np.abs(moved(lwr4, params, more)).max() < 1e-3
     assert np.abs(moved(lwr4, PlantParameters(), more)).max() > 0.1
 
@@ -60,3 +60,14 @@ def test_a_profile_s_friction_holds_and_slows(lwr4):
     assert np.abs(moved(lwr4, PlantParameters(), more, 0.1, truth)).max() < 1e-4
     more[6] = 0.5
     assert moved(lwr4, PlantParameters(), more, 0.3, truth)[6] == pytest.approx(0.2, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["lwr4", "panda", "mobile"])
+def test_friction_that_is_not_stated_fits_any_number_of_joints(load_arm, name):
+    """As reported for the LWR4; of other arms as large a share of the torque limits in the mean."""
+    robot = load_arm(name)
+    dry, damping = joint_friction(robot, PlantParameters(friction_share=1.0), Truth())
+    assert np.mean(dry / robot.tau_max) == pytest.approx(0.09607, rel=1e-3)
+    assert np.mean((damping - robot.viscous) / robot.tau_max) == pytest.approx(0.06982, rel=1e-3)
+    if name == "lwr4":
+        np.testing.assert_array_equal(dry, REPORTED["coulomb"])

@@ -11,10 +11,11 @@ from experiments.placement.check import main
 from experiments.placement.guiding import skin_patch
 from experiments.placement.null_space import elbow_touch, self_motion
 from experiments.placement.predictive import place_job
-from experiments.placement.pushes import AXES, push_on, side_camera
+from experiments.placement.pushes import AXES, YIELD, push_on, side_camera, yielded
 from nmpc_manipulator import scenario_for
 
 from saphari_drake.errors import ModelError
+from saphari_drake.math.primitives import nearest_surface_point
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.skin.layout import SkinLayout, SkinLayoutParameters
 from saphari_drake.robots.arm_file import load_arm
@@ -42,6 +43,25 @@ def test_push_meets_its_link_where_torques_show_it(arm):
     J = arm.terms.point(link, arm.terms.in_link(link, target.p_WT)).Jv_WC
     assert np.linalg.svd(J, compute_uv=False)[2] > 0.05
     assert np.all(np.abs(J.T @ target.direction * push.force) + np.abs(arm.terms.g) <= 0.81 * arm.robot.tau_max)
+
+
+def test_no_other_link_comes_to_the_hand_when_the_arm_yields(arm):
+    """Each link is moved by the push as M⁻¹Jᵀ of the contact says; fist and forearm stay clear of all of them."""
+    camera, hand = CameraParameters(), HandParameters()
+    side_camera(arm, camera)
+    for link in arm.chain.links(arm.robot, arm.chain.forearm):
+        push = push_on(arm, camera, hand, link, AXES)
+        target = find_target(arm.robot, arm.robot.home, push)
+        moved = yielded(arm, link, target.p_WT, target.direction)
+        p_WT = moved.terms.position(link, arm.terms.in_link(link, target.p_WT))
+        np.testing.assert_allclose(p_WT - target.p_WT, YIELD * target.direction, atol=0.02)
+        finger = np.array(push.finger or push.direction)
+        shapes = arm.robot.shapes
+        R_WS, p_WS = shapes.in_world(moved.terms.R_WL, moved.terms.p_WL)
+        for back in np.linspace(hand.finger_length, hand.finger_length + hand.forearm_length, 6):
+            everything = np.ones(shapes.count, dtype=bool)
+            gap = nearest_surface_point(shapes.kind, shapes.size, R_WS, p_WS, everything, p_WT - back * finger)[1]
+            assert gap > hand.forearm_radius
 
 
 def test_gains_of_the_null_space_follow_inertia_and_torque(arm):
