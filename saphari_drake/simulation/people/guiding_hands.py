@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -165,14 +165,14 @@ class GuidingHands(LeafSystem):
 
     def _take_hold(self, context: Context, state: State) -> None:
         now, held = context.get_time(), context.get_discrete_state(self._held).value().reshape(-1, 3).copy()
-        truth = self._truth.Eval(context)
-        for row, grip, here in zip(held, self._grips, truth):
-            if np.isnan(row[0]) and now >= grip.hand.hold_from:
-                row[:] = here[3:6]
+        taking = [k for k, grip in enumerate(self._grips) if np.isnan(held[k, 0]) and now >= grip.hand.hold_from]
+        if not taking:
+            return
+        held[taking] = self._truth.Eval(context)[taking, 3:6]
         state.get_mutable_discrete_state(self._held).SetFromVector(held.ravel())
 
 
-def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held: Array, time: float) -> Array:
+def grip_forces(robot: RobotModel, state: Array, grips: Sequence[Grip], held: Array, time: float) -> Array:
     """Return force (N), position (m) and velocity (m/s) of each grip in the world (k, 9).
 
     Parameters
@@ -186,7 +186,7 @@ def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held
     time : float
         In s.
     """
-    at = robot.kinematics(*np.split(np.asarray(state, dtype=float), [robot.n]))
+    at = robot.kinematics(state[: robot.n], state[robot.n :])
     rows = np.zeros((len(grips), 9))
     for row, grip, anchor in zip(rows, grips, held):
         p, velocity, _, _ = at.point(grip.link, np.asarray(grip.p_LC, float))
