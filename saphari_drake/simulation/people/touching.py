@@ -77,16 +77,20 @@ def touches(surface, motion, ends, velocities, flesh):
         Of the segments' ends, in the world (m, m/s).
     flesh : Flesh
     """
-    count = ends.shape[0]
+    count, shapes = ends.shape[0], surface.link.shape[0]
     force, point = np.zeros((count, 3)), np.zeros((count, 3))
     link, gaps = np.full(count, -1), np.full(count, np.inf)
-    poses, p, work = posed(surface, motion), np.empty(3), np.empty((4, 3))
+    poses, p, work, bound = posed(surface, motion), np.empty(3), np.empty((4, 3)), np.empty(shapes)
     for k in range(count):
         a, b = ends[k, 0], ends[k, 1]
         middle, half = 0.5 * (a + b), 0.5 * np.sqrt(np.sum((b - a) ** 2))
-        for s in range(surface.link.shape[0]):
-            if _distance(surface, poses, s, middle, middle, 0.0, work) - half - flesh.radius[k] > min(gaps[k], 0.5):
-                continue
+        for s in range(shapes):
+            bound[s] = _distance(surface, poses, s, middle, middle, 0.0, work) - half - flesh.radius[k]
+        for _ in range(shapes):  # the nearest first, so that most others are out of the question
+            s = int(np.argmin(bound))
+            if bound[s] > min(gaps[k], 0.5):
+                break
+            bound[s] = np.inf
             share = nearest_on_segment(surface, poses, s, a, b, p)
             away, p_WN, u = pair(surface, poses, s, p)
             gap = away - flesh.radius[k]
