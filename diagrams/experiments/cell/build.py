@@ -24,6 +24,7 @@ from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.people.compliant_people import CompliantPeople
 from saphari_drake.simulation.people.guiding_hands import Grip, GuidingHands
 from saphari_drake.simulation.people.performance import performance
+from saphari_drake.simulation.people.shown_people import show_people
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
 from saphari_drake.simulation.sensors.background_scan import scan_background
@@ -101,7 +102,7 @@ def build_cell(
     person = performance(person_of(scenario, trial), scenario.people.sizes)
     people = CompliantPeople(robot, cell.plant, cell.instance, [person], scenario.people, step)
     builder.AddNamedSystem("people_in_the_cell", people)
-    people.show_in(builder, cell.scene_graph)
+    show_people(builder, cell.scene_graph, people)
     builder.Connect(cell.robot_state, people.GetInputPort("state"))
     measured, setup = _sensors(builder, scenario, job, cell, people, params, truth)
     pipeline = add_safe_cell(builder, setup, measured, params)

@@ -155,18 +155,25 @@ def residual_costs(parent, S, link, p, a, r, model):
     return misfit, spread
 
 
-def best_apart(cost: Array, p: Array, count: int, more: float, apart: float) -> list[int]:
+@njit(cache=True)
+def best_apart(cost, p, count, more, apart):
     """Return the indices of `count` candidates p (m, 3) of least cost that lie `apart` (m) from one another.
 
     And of all others of which the cost is less than `more` above the least.
     """
     chosen: list[int] = []
-    left = np.array(cost)
-    most = left.min() + more
-    while np.isfinite(left.min()) and (len(chosen) < count or left.min() < most):
-        chosen.append(int(np.argmin(left)))
-        away = p - p[chosen[-1]]
-        left[np.einsum("ij,ij->i", away, away) < apart * apart] = np.inf
+    left, next_best = cost.copy(), int(np.argmin(cost))
+    most = cost[next_best] + more
+    while np.isfinite(left[next_best]) and (len(chosen) < count or left[next_best] < most):
+        i = next_best
+        chosen.append(i)
+        left[i] = np.inf
+        for k in range(len(left)):
+            if left[k] < np.inf:
+                if (p[k, 0] - p[i, 0]) ** 2 + (p[k, 1] - p[i, 1]) ** 2 + (p[k, 2] - p[i, 2]) ** 2 < apart * apart:
+                    left[k] = np.inf
+                elif left[k] < left[next_best]:
+                    next_best = k
     return chosen
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.messages import ContactPoint, Immutable
 from saphari_drake.perception.camera.frames import Instant
 from saphari_drake.perception.contact.places import Place
@@ -152,12 +153,23 @@ def weighed(modes: Sequence[Mode], p: Array, apart: float, least: float) -> tupl
     cost = np.array([mode.cost for mode in modes])
     share = np.exp(-0.5 * (cost - cost.min()))
     share /= share.sum()
-    leaders: list[int] = []
-    total = np.zeros(len(modes))
-    for i in np.argsort(cost, kind="stable"):
-        near = next((j for j in leaders if np.linalg.norm(p[i] - p[j]) < apart), int(i))
+    found, total = _gathered(np.argsort(cost, kind="stable"), p, share, apart)
+    leaders = sorted((i for i in found.tolist() if total[i] >= least), key=lambda i: -total[i])
+    return [modes[i] for i in leaders], total[leaders]
+
+
+@njit(cache=True)
+def _gathered(order, p, share, apart):
+    """Return the places among points p (m, 3), likeliest first by `order`, and the sums (m,) of the shares there."""
+    leaders, count, total = np.empty_like(order), 0, np.zeros(len(order))
+    for i in order:
+        near = i
+        for j in leaders[:count]:
+            if (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 + (p[i, 2] - p[j, 2]) ** 2 < apart * apart:
+                near = j
+                break
         total[near] += share[i]
         if near == i:
-            leaders.append(int(i))
-    leaders = sorted((i for i in leaders if total[i] >= least), key=lambda i: -total[i])
-    return [modes[i] for i in leaders], total[leaders]
+            leaders[count] = i
+            count += 1
+    return leaders[:count], total

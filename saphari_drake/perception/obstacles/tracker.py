@@ -100,7 +100,8 @@ class ObstacleTracker(LeafSystem):
         self._background = None if background is None else np.isfinite(background)
         self._frame_period = 1.0 / camera.rate
         self._kept = int(np.ceil((self._params.timeout + self._frame_period) / self._params.period)) + 2
-        robot.kinematics(robot.home)  # compiles
+        robot.kinematics(robot.home)  # compiles, as the next one does
+        update_tracks(NO_TRACKS, np.zeros((1, 3)), np.zeros((1, 3)), self._frame_period, self._params)
         self._frames = DepthFrames(self, robot, [camera])
         self._state = self.DeclareAbstractState(AbstractValue.Make(_Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import Immutable
 from saphari_drake.parameters import require_non_negative, require_positive
+from saphari_drake.perception.obstacles.track_kernels import apart, means, nearest_center, reach
 
 Array = NDArray[np.float64]
 
@@ -119,12 +120,13 @@ def update_tracks(tracks: Tracks, points: Array, half: Array, dt: float, params:
     params : ObstacleTrackerParameters
     """
     predicted = tracks.p_W + dt * tracks.v_W
-    owner = _nearest(points, predicted, params.gate)
+    owner = nearest_center(points, predicted, params.gate)
     seen = np.bincount(owner[owner >= 0], minlength=len(predicted)) > 0
     p, v = predicted.copy(), tracks.v_W.copy()
     p[~seen], v[~seen] = tracks.p_W[~seen], 0.0
+    middle = means(points, owner, len(predicted))
     for j in np.flatnonzero(seen):
-        innovation = points[owner == j].mean(axis=0) - predicted[j]
+        innovation = middle[j] - predicted[j]
         alpha, beta = _gains(int(tracks.age[j]), params)
         p[j] += alpha * innovation
         v[j] += beta * innovation / dt
@@ -150,15 +152,6 @@ def _gains(age: int, params: ObstacleTrackerParameters) -> tuple[float, float]:
     return max(min(alpha, 1.0), params.alpha), max(min(beta, 1.0), params.beta)
 
 
-def _nearest(points: Array, centers: Array, gate: float) -> NDArray[np.int64]:
-    """Index of the nearest center of each point, −1 if none lies within the gate."""
-    if len(points) == 0 or len(centers) == 0:
-        return np.full(len(points), -1, dtype=np.int64)
-    away = np.linalg.norm(points[:, None] - centers[None], axis=2)
-    index = np.argmin(away, axis=1)
-    return np.where(away[np.arange(len(points)), index] <= gate, index, -1)
-
-
 def _shared(p: Array, v: Array, seen: NDArray[np.bool_], reach: float) -> Array:
     """Average velocities (m, 3) over the neighbours within `reach`, weighted by distance; unseen ones do not count."""
     if reach <= 0.0 or not np.any(seen):
@@ -171,10 +164,7 @@ def _shared(p: Array, v: Array, seen: NDArray[np.bool_], reach: float) -> Array:
 
 def _apart(p: Array, age: NDArray[np.int64], seen: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
     """Which of the points to keep, seen and old ones first, so that none lie closer than `least`."""
-    keep = np.zeros(len(p), dtype=bool)
-    for j in np.lexsort((-age, ~seen)):
-        others = p[keep]
-        keep[j] = len(others) == 0 or np.min(np.linalg.norm(others - p[j], axis=1)) >= least
+    keep: NDArray[np.bool_] = apart(p, np.lexsort((-age, ~seen)), least)
     return keep
 
 
@@ -206,7 +196,7 @@ def _velocity_nearby(fresh: Array, p: Array, v: Array, params: ObstacleTrackerPa
     """Velocity that new obstacle points start with: that of the nearest one within the gate, or none."""
     if len(v) == 0:
         return np.zeros_like(fresh)
-    owner = _nearest(fresh, p, params.gate)
+    owner = nearest_center(fresh, p, params.gate)
     return np.where((owner >= 0)[:, None], v[owner], 0.0)
 
 
@@ -214,10 +204,5 @@ def _extents(points: Array, half: Array, p: Array, unseen: Array, params: Obstac
     """Distance from each obstacle point to the farthest part of the body that belongs to it."""
     cube = 0.5 * np.sqrt(3.0) * params.voxel
     extent = np.where(unseen > 0.0, params.spacing + params.thickness, cube)
-    owner = _nearest(points, p, np.inf)
-    for j in range(len(p)):
-        middle, reach = points[owner == j] - p[j], half[owner == j]
-        if len(middle):
-            farthest = max(np.linalg.norm(middle + reach, axis=1).max(), np.linalg.norm(middle - reach, axis=1).max())
-            extent[j] = max(extent[j], farthest + cube)
+    reach(points, half, nearest_center(points, p, np.inf), p, cube, extent)
     return extent

@@ -6,21 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.geometry import (
-    Capsule,
-    FramePoseVector,
-    GeometryFrame,
-    GeometryInstance,
-    MakePhongIllustrationProperties,
-    PerceptionProperties,
-    SceneGraph,
-    Sphere,
-)
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.parameters import require_non_negative, require_positive
 from saphari_drake.robots.model import RobotModel
@@ -32,10 +21,7 @@ from saphari_drake.simulation.people.touching import Flesh, Touches, given_way, 
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
-_SKIN = np.array([0.87, 0.62, 0.45, 1.0])
-_CLOTH = np.array([0.35, 0.45, 0.62, 1.0])
 COUNT = len(SEGMENTS)
-SHOWN = 0.01  # s, how often cameras and viewers see people elsewhere
 
 
 @dataclass
@@ -80,7 +66,6 @@ class CompliantPeople(LeafSystem):
         - state
         output_ports:
         - applied_forces
-        - geometry_pose
         - ends
         - touch
         - forces
@@ -90,13 +75,12 @@ class CompliantPeople(LeafSystem):
     -----
     state : 2n (rad or m, then rad/s or m/s), of the robot, from the plant.
     applied_forces : abstract list of `ExternallyAppliedSpatialForce` on the robot, for the plant.
-    geometry_pose : abstract `FramePoseVector`, for a SceneGraph.
     ends : 6 a segment (m), both ends in the world.
     touch : 8, of the strongest contact: force on the robot (N), point (m, world), link and segment (−1: none).
     forces : 1 a segment (N).
     gap : 1 (m), least distance of the robot from anybody, negative in contact; farther than 0.5 m it is infinite.
 
-    All outputs but the first two are the truth, for judging alone. Law: `touches` and `given_way`.
+    All outputs but the first are the truth, for judging alone. Law: `touches` and `given_way`.
 
     Parameters
     ----------
@@ -126,8 +110,6 @@ class CompliantPeople(LeafSystem):
         self._bodies = [plant.GetBodyByName(name, instance).index() for name in robot.link_names]
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._aside = self.DeclareDiscreteState(np.zeros(9 * self._size))  # x, v and rest of each segment
-        self._frames: list = []
-        self._shown = self.DeclareDiscreteState(6 * self._size)  # ends that cameras and viewers see
         tickets = {self.time_ticket(), self.discrete_state_ticket(self._aside)}
         ends = np.zeros((2, self._size, 2, 3))
         self._ends = declare_cache(self, "ends", ends, self._placed, tickets)
@@ -139,12 +121,6 @@ class CompliantPeople(LeafSystem):
             calc=self._calc_forces,
             prerequisites_of_calc={self._touches.ticket()},
         )
-        self.DeclareAbstractOutputPort(
-            "geometry_pose",
-            alloc=lambda: Value[FramePoseVector](),
-            calc=self._calc_poses,
-            prerequisites_of_calc={self.discrete_state_ticket(self._shown)},
-        )
         declare_readouts(self, self._ends, {"ends": (6 * self._size, lambda pair: pair[0].ravel())})
         readouts = {
             "touch": (8, _strongest),
@@ -152,25 +128,12 @@ class CompliantPeople(LeafSystem):
             "gap": (1, lambda t: [t.gap.min()]),
         }
         declare_readouts(self, self._touches, readouts)
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._show)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(period), update=self._update)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(SHOWN), update=self._show)
 
-    def show_in(self, builder: DiagramBuilder, scene_graph: SceneGraph) -> None:
-        """Give a scene graph, whose cameras are not added yet, the capsules, for perception and illustration."""
-        source = scene_graph.RegisterSource(self.get_name())
+    def sizes(self) -> list[tuple[float, float]]:
+        """Return length, in the median over time, and radius of each segment (m)."""
         lengths = [np.median(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), axis=0) for ends in self._motions]
-        for k, length in enumerate(np.concatenate(lengths)):
-            name, radius = f"{SEGMENTS[k % COUNT].name} {k // COUNT}", float(self._flesh.radius[k])
-            frame = scene_graph.RegisterFrame(source, GeometryFrame(name))
-            shape = Capsule(radius, float(length)) if length > 1e-3 else Sphere(radius)
-            body = GeometryInstance(RigidTransform(), shape, name)
-            bare = SEGMENTS[k % COUNT].region in ("skull", "neck", "hand", "forearm")
-            body.set_illustration_properties(MakePhongIllustrationProperties(_SKIN if bare else _CLOTH))
-            body.set_perception_properties(PerceptionProperties())
-            scene_graph.RegisterGeometry(source, frame, body)
-            self._frames.append(frame)
-        builder.Connect(self.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
+        return [(float(length), float(radius)) for length, radius in zip(np.concatenate(lengths), self._flesh.radius)]
 
     def _parts(self, context: Context) -> Array:
         return np.array(context.get_discrete_state(self._aside).value()).reshape(3, self._size, 3)
@@ -188,7 +151,7 @@ class CompliantPeople(LeafSystem):
         return out
 
     def _touched(self, state: Array, ends: Array) -> Touches:
-        motion = self._robot.kinematics(*np.split(np.asarray(state), 2)).motion
+        motion = self._robot.kinematics(state[: self._robot.n], state[self._robot.n :]).motion
         return Touches(*touches(self._surface, motion, ends[0], ends[1], self._flesh))
 
     def _calc(self, context: Context) -> Touches:
@@ -206,25 +169,12 @@ class CompliantPeople(LeafSystem):
             forces.append(force)
         output.set_value(forces)
 
-    def _calc_poses(self, context: Context, output: AbstractValue) -> None:
-        poses = FramePoseVector()
-        shown = context.get_discrete_state(self._shown).value().reshape(-1, 2, 3)
-        for frame, (a, b) in zip(self._frames, shown):
-            along = b - a
-            straight = np.linalg.norm(along) > 1e-6
-            R = RotationMatrix.MakeFromOneVector(along, 2) if straight else RotationMatrix()
-            poses.set_value(frame, RigidTransform(R, 0.5 * (a + b)))
-        output.set_value(poses)
-
     def _update(self, context: Context, state: State) -> None:
         x, v, rest = self._parts(context)
         if self._params.pursuit_speed > 0.0:
             self._pursue(context, rest)
         given_way(x, v, self._touches.Eval(context).force, rest, self._flesh, self._period)
         state.get_mutable_discrete_state(self._aside).SetFromVector(np.stack([x, v, rest]).ravel())
-
-    def _show(self, context: Context, state: State) -> None:
-        state.get_mutable_discrete_state(self._shown).SetFromVector(self._ends.Eval(context)[0].ravel())
 
     def _pursue(self, context: Context, rest: Array) -> None:
         """Move where the right hands should be towards the last link."""

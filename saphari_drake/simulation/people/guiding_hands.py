@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -89,6 +89,15 @@ class Grip:
     hand: Hand
     profile: Profile | None = None
 
+    @property
+    def stiff(self) -> bool:
+        """Whether a spring pulls, not a force."""
+        return self.profile is None and self.hand.stiffness > 0.0
+
+    def demand(self, time: float) -> Array:
+        """Return what the hand wants at a time (s), (3,): force (N), or displacement (m) of a hand with stiffness."""
+        return self.hand.demand(time) if self.profile is None else np.asarray(self.profile(time), dtype=float)
+
 
 class GuidingHands(LeafSystem):
     """The forces of hands on points of a robot.
@@ -154,8 +163,11 @@ class GuidingHands(LeafSystem):
         return grip_forces(self._robot, self._state.Eval(context), self._grips, held, time)
 
     def _calc_forces(self, context: Context, output: AbstractValue) -> None:
-        forces = []
-        for body, grip, row in zip(self._bodies, self._grips, self._truth.Eval(context)):
+        forces, time = [], context.get_time()
+        # Without a spring nothing of the robot is needed.
+        stiff = any(grip.stiff for grip in self._grips)
+        rows = self._truth.Eval(context) if stiff else [grip.demand(time) for grip in self._grips]
+        for body, grip, row in zip(self._bodies, self._grips, rows):
             force = ExternallyAppliedSpatialForce()
             force.body_index = body
             force.p_BoBq_B = grip.p_LC
@@ -165,14 +177,14 @@ class GuidingHands(LeafSystem):
 
     def _take_hold(self, context: Context, state: State) -> None:
         now, held = context.get_time(), context.get_discrete_state(self._held).value().reshape(-1, 3).copy()
-        truth = self._truth.Eval(context)
-        for row, grip, here in zip(held, self._grips, truth):
-            if np.isnan(row[0]) and now >= grip.hand.hold_from:
-                row[:] = here[3:6]
+        taking = [k for k, grip in enumerate(self._grips) if np.isnan(held[k, 0]) and now >= grip.hand.hold_from]
+        if not taking:
+            return
+        held[taking] = self._truth.Eval(context)[taking, 3:6]
         state.get_mutable_discrete_state(self._held).SetFromVector(held.ravel())
 
 
-def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held: Array, time: float) -> Array:
+def grip_forces(robot: RobotModel, state: Array, grips: Sequence[Grip], held: Array, time: float) -> Array:
     """Return force (N), position (m) and velocity (m/s) of each grip in the world (k, 9).
 
     Parameters
@@ -186,18 +198,14 @@ def grip_forces(robot: RobotModel, state: ArrayLike, grips: Sequence[Grip], held
     time : float
         In s.
     """
-    at = robot.kinematics(*np.split(np.asarray(state, dtype=float), [robot.n]))
+    at = robot.kinematics(state[: robot.n], state[robot.n :])
     rows = np.zeros((len(grips), 9))
     for row, grip, anchor in zip(rows, grips, held):
         p, velocity, _, _ = at.point(grip.link, np.asarray(grip.p_LC, float))
-        hand = grip.hand
-        if grip.profile is not None:
-            force = np.asarray(grip.profile(time), dtype=float)
-        else:
-            force = hand.demand(time)
-            if hand.stiffness > 0.0:
-                holds = np.isfinite(anchor[0]) and hand.hold_from <= time <= hand.hold_until
-                pull = hand.stiffness * (anchor + force - p) - hand.damping * velocity
-                force = pull if holds else np.zeros(3)
+        hand, force = grip.hand, grip.demand(time)
+        if grip.stiff:
+            holds = np.isfinite(anchor[0]) and hand.hold_from <= time <= hand.hold_until
+            pull = hand.stiffness * (anchor + force - p) - hand.damping * velocity
+            force = pull if holds else np.zeros(3)
         row[:] = np.concatenate([force, p, velocity])
     return rows

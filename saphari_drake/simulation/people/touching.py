@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
+from saphari_drake.math.primitives import surface_point_local
 from saphari_drake.safety.nearness import pair, posed
 
 Array = NDArray[np.float64]
@@ -35,15 +36,27 @@ class Touches(NamedTuple):
 
 
 @njit(cache=True)
+def _distance(surface, poses, s, a, b, share, work):
+    """Return the distance (m) of shape s from a point of the line from a to b; `work` (4, 3) is overwritten."""
+    offset, local = work[0], work[1]
+    for i in range(3):
+        offset[i] = a[i] + share * (b[i] - a[i]) - poses[1][s, i]
+    for i in range(3):
+        R = poses[0][s]
+        local[i] = R[0, i] * offset[0] + R[1, i] * offset[1] + R[2, i] * offset[2]
+    return surface_point_local(surface.kind[s], surface.size[s], local, work[2], work[3])
+
+
+@njit(cache=True)
 def nearest_on_segment(surface, poses, s, a, b, p):
     """Fill p (3,) with the point of the line from a to b that is nearest to shape s; return its share of the way."""
-    low, high = 0.0, 1.0
-    if np.sum((b - a) ** 2) < 1e-12:
+    low, high, work = 0.0, 1.0, np.empty((4, 3))
+    if (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2 < 1e-12:
         p[:] = a
         return 0.0
     for _ in range(_CUTS):  # the distance from a convex shape is convex along the line
         one, two = low + (high - low) / 3.0, high - (high - low) / 3.0
-        if pair(surface, poses, s, a + one * (b - a))[0] <= pair(surface, poses, s, a + two * (b - a))[0]:
+        if _distance(surface, poses, s, a, b, one, work) <= _distance(surface, poses, s, a, b, two, work):
             high = two
         else:
             low = one
@@ -64,16 +77,20 @@ def touches(surface, motion, ends, velocities, flesh):
         Of the segments' ends, in the world (m, m/s).
     flesh : Flesh
     """
-    count = ends.shape[0]
+    count, shapes = ends.shape[0], surface.link.shape[0]
     force, point = np.zeros((count, 3)), np.zeros((count, 3))
     link, gaps = np.full(count, -1), np.full(count, np.inf)
-    poses, p = posed(surface, motion), np.empty(3)
+    poses, p, work, bound = posed(surface, motion), np.empty(3), np.empty((4, 3)), np.empty(shapes)
     for k in range(count):
         a, b = ends[k, 0], ends[k, 1]
         middle, half = 0.5 * (a + b), 0.5 * np.sqrt(np.sum((b - a) ** 2))
-        for s in range(surface.link.shape[0]):
-            if pair(surface, poses, s, middle)[0] - half - flesh.radius[k] > min(gaps[k], 0.5):
-                continue
+        for s in range(shapes):
+            bound[s] = _distance(surface, poses, s, middle, middle, 0.0, work) - half - flesh.radius[k]
+        for _ in range(shapes):  # the nearest first, so that most others are out of the question
+            s = int(np.argmin(bound))
+            if bound[s] > min(gaps[k], 0.5):
+                break
+            bound[s] = np.inf
             share = nearest_on_segment(surface, poses, s, a, b, p)
             away, p_WN, u = pair(surface, poses, s, p)
             gap = away - flesh.radius[k]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from saphari_drake.perception.contact.evidence import best_apart
 from saphari_drake.perception.contact.values import Fusion, Mode, weighed
 
 
@@ -37,3 +38,32 @@ def test_message_has_a_contact_a_weight():
     assert [contact.found for contact in sent.contacts] == [True, True]
     assert sent.contacts[0].stamp == sent.stamp == 2.0
     np.testing.assert_array_equal(sent.weights, [0.6, 0.4])
+
+
+def test_places_are_those_of_one_comparison_after_the_other():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        points, modes = rng.uniform(-0.2, 0.2, (120, 3)), [mode(cost) for cost in rng.uniform(0.0, 6.0, 120).round(1)]
+        share = np.exp(-0.5 * np.array([m.cost for m in modes]))
+        leaders, total = [], np.zeros(len(modes))
+        for i in np.argsort([m.cost for m in modes], kind="stable"):
+            near = next((j for j in leaders if np.linalg.norm(points[i] - points[j]) < 0.1), i)
+            total[near] += share[i] / share.sum()
+            leaders += [i] if near == i else []
+        places, weights = weighed(modes, points, 0.1, 0.01)
+        expected = sorted((i for i in leaders if total[i] >= 0.01), key=lambda i: -total[i])
+        assert [id(place) for place in places] == [id(modes[i]) for i in expected]
+        np.testing.assert_allclose(weights, total[expected])
+
+
+def test_the_cheapest_apart_are_chosen_one_after_the_other():
+    rng = np.random.default_rng(1)
+    for count, more in ((3, 0.0), (3, 2.0), (400, 0.0)):
+        points, cost = rng.uniform(-0.2, 0.2, (300, 3)), rng.uniform(0.0, 6.0, 300)
+        cost[:20] = np.inf
+        chosen = best_apart(cost, points, count, more, 0.1)
+        left, expected = cost.copy(), []
+        while np.isfinite(left.min()) and (len(expected) < count or left.min() < cost.min() + more):
+            expected.append(int(np.argmin(left)))
+            left[np.linalg.norm(points - points[expected[-1]], axis=1) < 0.1] = np.inf
+        assert list(chosen) == expected
