@@ -108,6 +108,18 @@ def test_correction_helps_on_the_whole_and_never_runs_away(lwr4, link):
     assert corrected_by_chance(lwr4, link, 0.005, 0.008)[2].max() <= 0.024 + 1e-9
 
 
+def test_friction_in_the_residual_hardly_moves_the_point(lwr4):
+    """0.4 Nm in each joint, four times what is told of the residual, of either sign; without it nothing changes."""
+    p_L, n_L = surface(lwr4, 5, (0.0, 0.3, 0.0))
+    F = -30.0 * (evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)).R_WL[5] @ n_L)
+    rng, r = np.random.default_rng(3), residual(lwr4, 5, p_L, F)
+    shifts = []
+    for _ in range(100):
+        at = instant(lwr4, 0.0, lwr4.home, r + 0.4 * rng.choice([-1.0, 1.0], 7))
+        shifts.append(np.linalg.norm(corrected_point(lwr4, at, at.r, 5, p_L, n_L, 0.1, 0.004)[0] - p_L))
+    assert np.max(shifts) < 0.008 and np.mean(shifts) < 0.004
+
+
 def test_point_that_explains_the_residual_stays(lwr4):
     p_L, n_L = surface(lwr4, LINK)
     at = instant(lwr4, 0.0, lwr4.home, residual(lwr4, LINK, p_L, [-20.0, 5.0, 10.0]))
