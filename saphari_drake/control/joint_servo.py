@@ -39,8 +39,10 @@ class JointServoParameters:
         require_non_negative(self, "feedforward", "integral_gain")
 
 
-def servo_torque(terms: DynamicsTerms, v_desired: Array, a_desired: Array, gain: float) -> Array:
-    """Return τ = M (a_d + K (q̇_d − q̇)) + C q̇ + g, (n,) in Nm.
+def servo_torque(
+    terms: DynamicsTerms, v_desired: Array, a_desired: Array, gain: float, viscous: Array | float = 0.0
+) -> Array:
+    """Return τ = M (a_d + K (q̇_d − q̇)) + C q̇ + g + D_v q̇_d, (n,) in Nm.
 
     Closed loop without other forces: d(q̇ − q̇_d)/dt = −K (q̇ − q̇_d), each joint for itself. A gain per joint without
     M blows up on a light wrist.
@@ -52,8 +54,10 @@ def servo_torque(terms: DynamicsTerms, v_desired: Array, a_desired: Array, gain:
         Desired velocity and acceleration.
     gain : float
         K (1/s).
+    viscous : (n,) array or float
+        D_v, friction of the joints (Nms/rad).
     """
-    return terms.M @ (a_desired + gain * (v_desired - terms.v)) + terms.Cv + terms.g
+    return terms.M @ (a_desired + gain * (v_desired - terms.v)) + terms.Cv + terms.g + viscous * v_desired
 
 
 class _Output(NamedTuple):
@@ -110,7 +114,7 @@ class JointVelocityServo(LeafSystem):
         self._dynamics = DynamicsInput(self, terms)
         self._command = self.DeclareVectorInputPort("velocity_commanded", BasicVector(robot.n))
         self._applied = self.DeclareVectorInputPort("torque_applied", BasicVector(robot.n))
-        self._tolerance = _GIVEN * robot.tau_max
+        self._tolerance, self._viscous = _GIVEN * robot.tau_max, robot.viscous
         self._memory = self.DeclareAbstractState(AbstractValue.Make(_Memory(terms.g, zero)))
         start = _Output(terms.g, zero, SystemStatus.OK)
         tickets = {self._dynamics.ticket(), self._command.ticket(), self.abstract_state_ticket(self._memory)}
@@ -137,7 +141,7 @@ class JointVelocityServo(LeafSystem):
         before = v_desired if status != SystemStatus.OK or before is None else before
         a_desired = self._params.feedforward * (v_desired - before) / self._params.period
         a_desired = a_desired + self._params.integral_gain * memory.integral
-        torque = servo_torque(terms, v_desired, a_desired, self._params.gain)
+        torque = servo_torque(terms, v_desired, a_desired, self._params.gain, self._viscous)
         return _Output(torque, v_desired - terms.v, status)
 
     def _given(self, context: Context) -> bool:

@@ -61,7 +61,7 @@ def plain_torque(controller, robot, d, X_d, V_d, A_d, estimate, q_d):
     pull = null.Z.T @ (p.null_stiffness * (q_d - d.q)) - (null.mu + B) @ nu
     nu_dot = np.linalg.solve(null.Lambda, pull)
     qddot = J_inv @ (a - Jdot @ d.v) + null.Z @ (nu_dot - Z_inv_dot @ d.v)
-    return d.M @ qddot + d.Cv + d.g, e
+    return d.M @ qddot + d.Cv + d.g + robot.viscous * d.v, e
 
 
 @pytest.mark.parametrize("task", ["position", "pose"])
