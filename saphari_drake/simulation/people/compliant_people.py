@@ -107,6 +107,8 @@ class CompliantPeople(LeafSystem):
         self._params, self._surface = params or PeopleParameters(), surface_of(robot)
         self._flesh, self._size = self._params.flesh(len(people)), COUNT * len(people)
         self._motions = [segment_ends(person.joints, self._params.sizes) for person in people]
+        for motion in self._motions:
+            played(motion, 0.0)  # compiles
         self._bodies = [plant.GetBodyByName(name, instance).index() for name in robot.link_names]
         self._state = self.DeclareVectorInputPort("state", BasicVector(2 * robot.n))
         self._aside = self.DeclareDiscreteState(np.zeros(9 * self._size))  # x, v and rest of each segment

@@ -114,7 +114,7 @@ class GuidingHands(LeafSystem):
     Ports
     -----
     state : 2n (rad or m, then rad/s or m/s), from the plant.
-    applied_forces : abstract list of `ExternallyAppliedSpatialForce`, one a hand, for the plant and for sensors.
+    applied_forces : abstract list of `ExternallyAppliedSpatialForce`, one a hand that pulls, for the plant and sensors.
     truth : 9 a hand: force on the robot (N), position (m) and velocity (m/s) of the point, world; for judging alone.
 
     State: where each hand took hold, which only hands with stiffness use.
@@ -168,6 +168,8 @@ class GuidingHands(LeafSystem):
         stiff = any(grip.stiff for grip in self._grips)
         rows = self._truth.Eval(context) if stiff else [grip.demand(time) for grip in self._grips]
         for body, grip, row in zip(self._bodies, self._grips, rows):
+            if not row[:3].any():
+                continue
             force = ExternallyAppliedSpatialForce()
             force.body_index = body
             force.p_BoBq_B = grip.p_LC

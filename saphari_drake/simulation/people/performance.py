@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
 from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.simulation.people.bvh import BodyRecording, read_bvh
 from saphari_drake.simulation.people.motion_files import bent_arm
@@ -72,6 +73,7 @@ class Performance(NamedTuple):
         return played(self.joints, (time + self.start) * self.rate)[0]
 
 
+@njit(cache=True)
 def played(samples: Array, at: float) -> tuple[Array, Array]:
     """Return samples (T, …), played forth and back, at a time in samples, and their change over a sample there."""
     last = len(samples) - 1
