@@ -100,7 +100,9 @@ class ContactForces:
         J, r, inward, sigma, point = self._mean(memory, modes)
         u = self._usual
         cost = size_costs(J, r, inward, u.sizes, u.along, u.across, sigma, point)[0]
-        return float(-2.0 * np.logaddexp.reduce(-0.5 * cost) + 2.0 * np.log(len(cost)) + sum(m.prior for m in modes))
+        return float(
+            -2.0 * np.logaddexp.reduce(-0.5 * cost) + 2.0 * np.log(len(cost)) + sum(m.prior + m.moved for m in modes)
+        )
 
     def _mean(self, memory: FusionMemory, modes: Sequence[Mode]) -> tuple[Array, Array, Array, Array, Array]:
         """Return Jacobians, mean residual, inward normals, and the deviations of residual and points (n,).

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 _GROUP = 2  # frames that the refinement takes as one, with their mean residual
 _BORDER = 3.0  # deviations of a seen point within which another link is touched, or touched too
+_BOTH = 2.0  # cost of two links at once, beside one
 _CREASE = 0.005  # m; what touches two links at once does so about as near to both
 
 
@@ -48,8 +49,8 @@ class ModeSearch:
     def seen(self, memory: FusionMemory) -> list[Mode]:
         """Return a refined mode for each place where the newest frame sees the person on the surface.
 
-        Behind them, those of a place near the border of two links on the other one, and on both: joints up to the
-        inner link feel the whole force, the outer one's joint a part of it.
+        Behind them, those of a place that touches near the border of two links on the other one, and on both: joints up
+        to the inner link feel the whole force, the outer one's joint a part of it.
         """
         p, modes, borders = self.params, list[Mode](), list[Mode]()
         for entry in memory.seen[-1]:
@@ -61,7 +62,7 @@ class ModeSearch:
             _, normal = self._rounded.nearest_on(entry.link, anchor)
             prior = away**2 + entry.cost
             modes.append(Mode(entry.link, anchor, normal, 0.0, True, entry.distance, sigma, prior, anchor, entry.limb))
-            borders += self._beyond_border(memory.frames[-1], modes[-1])
+            borders += self._beyond_border(memory.frames[-1], modes[-1]) if entry.distance <= p.near else []
         return self.refined(memory, [*modes, *borders])
 
     def _beyond_border(self, at: Instant, mode: Mode) -> list[Mode]:
@@ -106,18 +107,26 @@ class ModeSearch:
     def _share_cost(self, memory: FusionMemory, mode: Mode) -> float:
         """Return what it costs that another link takes a share of the force: all from none to the whole are as likely.
 
-        Its joint feels the share times the torque of the whole; what is outside is noise.
+        Its joint feels the share times the torque j · F of the whole; what is outside is noise. As far as the other
+        joints leave F open, so does j · F: its spread is what the outer link's is above the inner one's.
         """
-        weight, at = memory.weights(self.params.memory), memory.frames[-1]
-        r = weight @ np.array([frame.r for frame in memory.frames]) / weight.sum()
-        F = force_in_cone(
-            at.jacobian(mode.link, mode.p_L), r, -at.R_WL[mode.link] @ mode.n_L, self.params.friction, self.params.rcond
+        p, weight, at = self.params, memory.weights(self.params.memory), memory.frames[-1]
+        r, inward = (
+            weight @ np.array([frame.r for frame in memory.frames]) / weight.sum(),
+            -at.R_WL[mode.link] @ mode.n_L,
         )
-        p_L = at.motion.in_link(mode.shared, in_world(at, mode))
+        J, p_W = at.jacobian(mode.link, mode.p_L), in_world(at, mode)
+        p_L = at.motion.in_link(mode.shared, p_W)
         apart = np.linalg.norm(p_L - self.robot.shapes.nearest_on(mode.shared, p_L)[0]) / _CREASE
-        whole = float(at.jacobian(mode.shared, p_L)[:, mode.shared] @ F)
+        j = at.jacobian(mode.shared, p_L)[:, mode.shared]
+        usual = (np.eye(3) + (p.force_across**2 - 1.0) * np.outer(inward, inward)) / (
+            p.force_scale * p.force_across
+        ) ** 2
+        unsure = 1.0 + j @ np.linalg.solve(J @ J.T + usual, j)
+        whole = float(j @ force_in_cone(J, r, inward, p.friction, p.rcond))
         outside = r[mode.shared] - np.clip(r[mode.shared], min(whole, 0.0), max(whole, 0.0))
-        return float(2.0 * np.log(max(abs(whole) / np.sqrt(2.0 * np.pi), 1.0)) + weight.sum() * outside**2 + apart**2)
+        spread = np.log(unsure) * (1.0 + p.again * (memory.weight - 1.0))
+        return float(_BOTH + spread + weight.sum() * outside**2 / unsure + apart**2)
 
     def at_anchor(self, mode: Mode) -> Mode:
         """Return a seen mode where the cameras see it, before any residual has moved it."""

@@ -155,7 +155,8 @@ class FusionParameters:
     def __post_init__(self) -> None:
         require_positive(
             self, "candidates", "torque_sigma", "force_scale", "force_across", "friction", "felt", "vision_sigma",
-            "limb_sigma", "near", "far", "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
+            "limb_sigma", "near", "far",
+            "free_from", "free_to", "person_scale", "ray_sigma", "ray_bend", "mode_distance", "modes", "frames",
             "second_distance", "usual_along", "usual_across", "wander_along", "wander_across",
             "least_force", "force_sizes", "second_odds",
         )  # fmt: skip

@@ -92,6 +92,14 @@ class Mode(NamedTuple):
     ray: Array = np.zeros(3)  # (3,) unit in the link's frame; only deviations across it count. Zero: all
     shared: int = -1  # link beyond this one that is touched too at its border and takes a part of the force; −1: none
 
+    @property
+    def moved(self) -> float:
+        """−2 log of how likely the cameras make the point, given the one that they see."""
+        if self.anchor is None:
+            return 0.0
+        away = self.p_L - self.anchor
+        return float((away @ away - (away @ self.ray) ** 2) / self.sigma**2)
+
 
 class Fusion(NamedTuple):
     """Result of the fusion.

@@ -120,6 +120,22 @@ def test_refined_point_costs_no_more_than_any_near_it(law):
             assert np.linalg.norm(best - found) < 0.012  # a pattern search stops within its finest steps
 
 
+def test_sharp_residual_leads_from_beside_the_contact_to_it(law):
+    """Its valley is narrow and runs across the axes of a pattern: one coordinate at a time is no way along it."""
+    rng, c, p, s, search = np.random.default_rng(4), law.candidates, law.params, law.robot.shapes, law._search
+    errors = []
+    for k in np.flatnonzero(c.link == 5)[::25]:
+        terms, _, r = push(law, law.robot.home, k)
+        link = int(c.link[k])
+        window = Window(terms.S[None], terms.R_WL[None], terms.p_WL[None], r[None], np.ones(1))
+        beside, n_L = s.nearest_on(link, c.p_L[k] + 0.008 * rng.normal(size=3))
+        start = Start(link, beside, n_L, beside, 0.02, np.zeros(3))
+        model = ForceModel(0.003, p.force_scale, p.friction, 0.0)
+        found = refine(terms.parent, window, search._shapes, search._rounded.size, start, model, p.again, search._steps)
+        errors.append(np.linalg.norm(found[0] - c.p_L[k]) / max(np.linalg.norm(beside - c.p_L[k]), 1e-3))
+    assert max(errors) < 0.2
+
+
 def test_share_of_free_space_equals_its_plain_twin(law, finder):
     rng, c, camera = np.random.default_rng(4), law.candidates, finder.camera
     terms = evaluate_dynamics(law.robot, law.robot.home, np.zeros(7))
