@@ -1,8 +1,8 @@
 """Friction, payload and inertias of an arm, identified from a motion of its own, as parameters of a robot.
 
 The result, identified.yaml in the folder of a case, is what a `RobotModel` takes by `corrected`, and every script by
---set identified=FILE: inertias and payload for all its controllers, friction for its momentum observer. The plant of
-this script is realistic unless --plant says otherwise: an ideal one has nothing to find.
+--set identified=FILE: inertias and payload for all its controllers, friction and bias for its momentum observer. The
+plant of this script is realistic unless --plant says otherwise: an ideal one has nothing to find.
 """
 
 import sys

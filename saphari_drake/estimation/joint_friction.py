@@ -1,4 +1,4 @@
-"""Friction of the joints as it was identified, for observers that are to see a touch behind it."""
+"""Friction and drives of the joints as they were identified, for observers that are to see a touch behind them."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saphari_drake.parameters import diagonal, require_non_negative, require_positive
+from saphari_drake.errors import ParameterError
+from saphari_drake.parameters import diagonal, require_non_negative, require_positive, require_vector
 from saphari_drake.robots.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -14,12 +15,14 @@ Array = NDArray[np.float64]
 
 @dataclass
 class JointFrictionParameters:
-    """Friction of the joints, as it was identified."""
+    """Friction of the joints and error of their drives, as they were identified."""
 
     # Nm (N), Coulomb, and Nms/rad (Ns/m), viscous friction; one value or one a joint. Viscous, empty: that of the model
     # file. Coulomb friction of the file, `RobotModel.coulomb`, has no part in Drake's plant: give it for a real arm.
     coulomb: list[float] | float = 0.0
     viscous: list[float] | float = field(default_factory=list)
+    # Nm (N); constant error of each drive: it gives so much more than it is asked for. Empty: none.
+    bias: list[float] = field(default_factory=list)
     # rad (m); way over which friction turns round when a joint does: ten steps of an encoder or more. Assumed.
     turn: float = 1.0e-4
     # Share of the Coulomb friction by which it may be wrong in motion; thresholds of a contact rise by it. Assumed.
@@ -28,13 +31,15 @@ class JointFrictionParameters:
     def __post_init__(self) -> None:
         require_non_negative(self, "coulomb", "viscous", "uncertainty")
         require_positive(self, "turn")
+        require_vector(self, len(self.bias), "bias")
 
 
 class JointFriction(NamedTuple):
-    """Friction of all joints as arrays (n,)."""
+    """Friction of all joints, and what their drives give too much, as arrays (n,)."""
 
     coulomb: Array
     viscous: Array
+    bias: Array
     turn: float
     error: float  # share of the Coulomb friction
 
@@ -60,4 +65,7 @@ def joint_friction(params: JointFrictionParameters, robot: RobotModel) -> JointF
     """Return the friction of a robot's joints."""
     coulomb = diagonal(params.coulomb, robot.n, "coulomb")
     viscous = diagonal(params.viscous, robot.n, "viscous") if np.size(params.viscous) else robot.viscous
-    return JointFriction(coulomb, viscous, params.turn, params.uncertainty)
+    bias = np.array(params.bias or [0.0] * robot.n)
+    if len(bias) != robot.n:
+        raise ParameterError("bias", f"{robot.name} has {robot.n} joints, got {len(bias)} entries")
+    return JointFriction(coulomb, viscous, bias, params.turn, params.uncertainty)

@@ -149,8 +149,8 @@ class MomentumObserver(LeafSystem):
     Law: ṙ = −K_I (r + τ_ext) in continuous time; at the samples, its exact discretization for a held τ_ext. There is
     no delay but that of the average: r at a sample uses the momentum of that sample. A mistake of model or friction
     appears as external torque.
-    Friction acts beside the torque: `JointFriction`, from the measured way of the joints; that of the model file is
-    known from the start, where it is viscous.
+    Friction and the drives' bias act beside the torque: `JointFriction`, from the measured way of the joints; that of
+    the model file is known from the start, where it is viscous.
     After a state or torque that was not finite it starts anew, as at the beginning.
     """
 
@@ -204,7 +204,7 @@ class MomentumObserver(LeafSystem):
             if self._rubs:
                 share = self._friction.after(share, self._period * terms.v)
                 rubbing = self._friction.torque(share, terms.v)
-            acting = delayed(torques, self._delay) + rubbing
+            acting = delayed(torques, self._delay) + self._friction.bias + rubbing
             integral = advance_integral(memory.sigma(terms), r, acting, terms, self._period)
             kept, recent = torques[: self._kept], np.vstack([r, memory.recent])[: self._others]
             known = np.concatenate([share, integral, recent.ravel(), kept.ravel()])

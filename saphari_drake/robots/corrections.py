@@ -58,7 +58,8 @@ class RobotCorrections:
 def corrected(robot: RobotModel, found: RobotCorrections) -> RobotModel:
     """Return the robot as its controllers may know it after an identification: with other inertias and a payload.
 
-    What is simulated is still what the file says: `RobotModel.add_to` does not change. The friction is for observers.
+    What is simulated is still what the file says: `RobotModel.add_to` does not change. Friction and bias are for
+    observers.
 
     Raises
     ------

@@ -47,6 +47,21 @@ def test_the_observer_sees_a_touch_behind_known_friction(lwr4):
     np.testing.assert_allclose(bench.read("torque_external"), hand, atol=0.01)
 
 
+def test_the_bias_of_the_drives_is_no_touch(lwr4):
+    """At rest, held by drives that give 0.3 Nm more or less than they are asked for."""
+    bias, terms = (
+        0.3 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]),
+        evaluate_dynamics(lwr4, lwr4.home, np.zeros(7)),
+    )
+    for known, expected in ((bias.tolist(), np.zeros(7)), ([], bias)):
+        params = MomentumObserverParameters(friction=JointFrictionParameters(bias=known))
+        bench = Bench(MomentumObserver(lwr4, params), dynamics=terms, torque_applied=terms.g - bias)
+        bench.run(round(1.0 / PERIOD))
+        np.testing.assert_allclose(bench.read("torque_external"), expected, atol=1e-6)
+    with pytest.raises(ParameterError, match="7 joints, got 2"):
+        joint_friction(JointFrictionParameters(bias=[0.1, 0.2]), lwr4)
+
+
 def test_damping_of_the_model_file_is_no_touch(load_arm):
     """An arm with 2 to 10 Nms/rad moves at a constant speed; what was identified replaces it."""
     xarm, v = load_arm("xarm7"), np.full(7, 0.2)
@@ -63,7 +78,7 @@ def test_damping_of_the_model_file_is_no_touch(load_arm):
         np.testing.assert_allclose(bench.read("torque_external"), expected, atol=1e-3)
 
 
-@pytest.mark.parametrize(("name", "value"), [("coulomb", -1.0), ("viscous", np.nan), ("turn", 0.0)])
+@pytest.mark.parametrize(("name", "value"), [("coulomb", -1.0), ("viscous", np.nan), ("turn", 0.0), ("bias", [np.inf])])
 def test_bad_parameters(name, value):
     with pytest.raises(ParameterError, match=name):
         JointFrictionParameters(**{name: value})

@@ -49,12 +49,13 @@ class PlantScenario:
         return load_arm(self.robot, home=np.deg2rad(home), options=self.model)
 
     def known(self, robot: RobotModel, observer: MomentumObserverParameters | None = None) -> RobotModel:
-        """Return the robot as its controllers know it, for a robot out of its file; an observer takes the friction."""
+        """Return the robot as its controllers know it, and tell an observer friction and bias."""
         if not self.identified:
             return robot
         found = RobotCorrections.read(self.identified)
         if observer is not None:
-            observer.friction.coulomb, observer.friction.viscous = found.coulomb or 0.0, found.viscous
+            friction = observer.friction
+            friction.coulomb, friction.viscous, friction.bias = found.coulomb or 0.0, found.viscous, found.bias
         return corrected(robot, found)
 
     def fault_start(self) -> float:
