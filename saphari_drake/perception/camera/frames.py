@@ -71,6 +71,7 @@ class Instant(NamedTuple):
     motion: Kinematics  # at rest
     r: Array | None = None  # (n,) residual, Nm
     sigma: Array | None = None  # (n,) its deviation where it was measured, Nm
+    raised: float = 1.0  # by what that is larger than while nobody touches
 
     @property
     def R_WL(self) -> Array:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+
 from saphari_drake.messages import ContactPoint
 from saphari_drake.perception.camera.frames import Instant
 from saphari_drake.perception.contact.law import ContactFusionLaw
@@ -16,6 +18,8 @@ from saphari_drake.perception.contact.track import ContactTrack, ContactTracker
 from saphari_drake.perception.contact.values import NOTHING, Fusion, FusionMemory, contact_point
 from saphari_drake.robots.model import RobotModel
 
+# Share of each frame in the mean square of what is left unexplained, and the most by which that raises a deviation.
+_NEW, _WORST = 0.1, 10.0
 Outputs = MappingProxyType[str, Callable[["Found", float], object]]
 
 
@@ -29,6 +33,18 @@ class Found(NamedTuple):
     felt: bool = False  # whether a touch is felt
     # Whether what is seen lies so near that it touches, whatever explains the residual better; or did in this touch.
     near: bool = False
+    # Mean square of what touches leave unexplained of the residual, over that while nobody touches: model and friction
+    # are wrong where forces act and joints move.
+    wrong: float = 1.0
+
+    @property
+    def raised(self) -> float:
+        """By how much the deviation of a residual is larger than while nobody touches.
+
+        What is wrong is so in all frames that are remembered: together they tell no more than one of them.
+        """
+        weight = 1.0 if self.evidence is None else max(self.evidence.weight, 1.0)
+        return float(np.sqrt(1.0 + weight * (self.wrong - 1.0)))
 
     @property
     def contact(self) -> ContactPoint:
@@ -83,12 +99,15 @@ class ContactFinder:
         fusion = self._law.decide(evidence)
         felt = self._law.felt(evidence.frames[-1])
         near = still_near(known, seen.contact, felt, self._fusion.near)
-        touch = ContactTrack()
+        touch, wrong = ContactTrack(), known.wrong
         if felt:
+            left = self._law.unexplained(evidence, fusion)
+            square = evidence.frames[-1].raised ** 2 * (left @ left) / max(len(left) - 3, 1)
+            wrong = float(np.clip(wrong + _NEW * (square - wrong), 1.0, _WORST**2))
             place = self._explanation(evidence, fusion, near) or self._as_seen(seen, fusion, near)
             last = known.touch if known.felt else touch
             touch = self._felt_tracker.after(last, [place], at._replace(r=None)) if place else touch
-        return Found(seen, touch, evidence, fusion, felt, near)
+        return Found(seen, touch, evidence, fusion, felt, near, wrong)
 
     def _tracked(
         self, track: ContactTrack, views: Sequence[View], at: Instant, places: Sequence[Sequence[Place]]

@@ -78,8 +78,8 @@ class ContactFusionLaw:
         return FusionMemory(*np.zeros((3, len(self.candidates.link))))
 
     def felt(self, at: Instant) -> bool:
-        """Whether the residual of an instant in its deviations is more than noise."""
-        return at.felt(self.params.felt)
+        """Whether the residual of an instant in its deviations is more than the noise while nobody touches."""
+        return at.felt(self.params.felt / at.raised)
 
     def in_deviations(self, at: Instant) -> Instant:
         """Return an instant with residual and joint axes over the residual's deviation.
@@ -176,12 +176,15 @@ class ContactFusionLaw:
 
     def explains(self, memory: FusionMemory, fusion: Fusion) -> bool:
         """Whether the forces explain the newest residual, up to its noise and a small share of it."""
+        left, whole = self.unexplained(memory, fusion), np.asarray(memory.frames[-1].r)
+        return bool(np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(whole))
+
+    def unexplained(self, memory: FusionMemory, fusion: Fusion) -> Array:
+        """Return what the forces leave of the newest residual, (n,) in deviations."""
         at = memory.frames[-1]
         left = np.asarray(at.r) - sum(at.jacobian(m.link, m.p_L).T @ F for m, F in zip(fusion.modes, fusion.forces))
         left[[m.shared for m in fusion.modes if m.shared >= 0]] = 0.0
-        return bool(
-            np.linalg.norm(left) < self.params.felt + self.params.unexplained * np.linalg.norm(np.asarray(at.r))
-        )
+        return np.asarray(left)
 
     def _grid_modes(self, memory: FusionMemory, cost: Array, prior: Array) -> list[Mode]:
         """Return the best candidates that lie apart from one another."""

@@ -232,12 +232,9 @@ class ContactLocalizer(LeafSystem):
             around = [sample for time, sample in memory.residuals if last - averaged < time <= last]
             r = np.mean(around, axis=0) if around else sample_at(memory.residuals, stamp)
         at = instant(self._robot, stamp, sample_at(memory.postures, stamp), r if np.isfinite(r).all() else None)
-        if memory.quiet is not None:
-            return at._replace(sigma=memory.quiet.deviation(self._least_noise))
-        if not self._noise.HasValue(context):
-            return at
-        noise = self._noise.Eval(context)
-        return at._replace(sigma=np.where(np.isfinite(noise), np.maximum(noise, self._least_noise), self._least_noise))
+        told = self._noise.Eval(context) if self._noise.HasValue(context) else np.full(self._robot.n, np.nan)
+        raised, quiet = memory.known.raised, memory.quiet or QuietNoise(np.zeros(0))
+        return at._replace(sigma=raised * quiet.deviation(self._least_noise, told), raised=raised)
 
     def _look(self, context: Context, k: int, at: Instant) -> View | None:
         """Return what a camera's frame shows, if it can be used."""

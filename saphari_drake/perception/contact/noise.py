@@ -23,7 +23,12 @@ class QuietNoise(NamedTuple):
         frames = min(self.frames + 1.0, _LAST)
         return QuietNoise(self.square + (r**2 - self.square) / frames, frames)
 
-    def deviation(self, least: float) -> Array:
-        """Return the deviation (n,), at least `least`, which is assumed as long as little is measured."""
+    def deviation(self, least: float, told: Array) -> Array:
+        """Return the deviation (n,), at least `least`, which is assumed as long as little is measured.
+
+        Without a frame it is what is told (n,), where that is finite and larger.
+        """
+        if not self.frames:
+            return np.where(np.isfinite(told), np.maximum(told, least), least)
         square = (self.frames * self.square + _FIRST * least**2) / (self.frames + _FIRST)
         return np.maximum(np.sqrt(square), least)
