@@ -2,24 +2,15 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.geometry import (
-    Capsule,
-    FramePoseVector,
-    GeometryFrame,
-    GeometryInstance,
-    MakePhongIllustrationProperties,
-    PerceptionProperties,
-    SceneGraph,
-    Sphere,
-)
+from pydrake.geometry import Capsule, FramePoseVector, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, State
 
 from saphari_drake.simulation.people.compliant_people import COUNT, CompliantPeople
 from saphari_drake.simulation.people.skeleton import SEGMENTS
+from saphari_drake.simulation.world.person_body import SKIN, register_shown
 from saphari_drake.systems import cycle
 
-_SKIN = np.array([0.87, 0.62, 0.45, 1.0])
 _CLOTH = np.array([0.35, 0.45, 0.62, 1.0])
 SHOWN = 0.01  # s, how often cameras and viewers see people elsewhere
 
@@ -52,15 +43,10 @@ class ShownPeople(LeafSystem):
         self.source_id = scene_graph.RegisterSource(people.get_name())
         self._frames = []
         for k, (length, radius) in enumerate(people.sizes()):
-            name = f"{SEGMENTS[k % COUNT].name} {k // COUNT}"
-            frame = scene_graph.RegisterFrame(self.source_id, GeometryFrame(name))
-            shape = Capsule(radius, length) if length > 1e-3 else Sphere(radius)
-            body = GeometryInstance(RigidTransform(), shape, name)
-            bare = SEGMENTS[k % COUNT].region in ("skull", "neck", "hand", "forearm")
-            body.set_illustration_properties(MakePhongIllustrationProperties(_SKIN if bare else _CLOTH))
-            body.set_perception_properties(PerceptionProperties())
-            scene_graph.RegisterGeometry(self.source_id, frame, body)
-            self._frames.append(frame)
+            segment, shape = SEGMENTS[k % COUNT], Capsule(radius, length) if length > 1e-3 else Sphere(radius)
+            rgba = SKIN if segment.region in ("skull", "neck", "hand", "forearm") else _CLOTH
+            name = f"{segment.name} {k // COUNT}"
+            self._frames.append(register_shown(scene_graph, self.source_id, name, shape, rgba))
         self._ends = self.DeclareVectorInputPort("ends", BasicVector(6 * len(self._frames)))
         self._shown = self.DeclareDiscreteState(6 * len(self._frames))
         self.DeclareAbstractOutputPort(

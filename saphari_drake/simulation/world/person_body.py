@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import (
+    FrameId,
     FramePoseVector,
     GeometryFrame,
     GeometryInstance,
     MakePhongIllustrationProperties,
     PerceptionProperties,
     SceneGraph,
+    Shape,
+    SourceId,
     Sphere,
 )
 from pydrake.math import RigidTransform
@@ -19,7 +23,19 @@ from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from saphari_drake.errors import ParameterError
 from saphari_drake.messages import ObstaclePoints
 
-_SKIN = np.array([0.87, 0.62, 0.45, 1.0])
+SKIN = np.array([0.87, 0.62, 0.45, 1.0])
+
+
+def register_shown(
+    scene_graph: SceneGraph, source: SourceId, name: str, shape: Shape, rgba: NDArray[np.float64]
+) -> FrameId:
+    """Register a shape that cameras and viewers see, on a frame of its own; return the frame."""
+    frame = scene_graph.RegisterFrame(source, GeometryFrame(name))
+    body = GeometryInstance(RigidTransform(), shape, name)
+    body.set_illustration_properties(MakePhongIllustrationProperties(rgba))
+    body.set_perception_properties(PerceptionProperties())
+    scene_graph.RegisterGeometry(source, frame, body)
+    return frame
 
 
 class PersonBody(LeafSystem):
@@ -49,14 +65,10 @@ class PersonBody(LeafSystem):
     def __init__(self, scene_graph: SceneGraph, points: ObstaclePoints) -> None:
         super().__init__()
         self.source_id = scene_graph.RegisterSource("person")
-        self._frames = []
-        for k, radius in enumerate(points.radius):
-            frame = scene_graph.RegisterFrame(self.source_id, GeometryFrame(f"person_{k}"))
-            ball = GeometryInstance(RigidTransform(), Sphere(float(radius)), f"person_{k}")
-            ball.set_illustration_properties(MakePhongIllustrationProperties(_SKIN))
-            ball.set_perception_properties(PerceptionProperties())
-            scene_graph.RegisterGeometry(self.source_id, frame, ball)
-            self._frames.append(frame)
+        self._frames = [
+            register_shown(scene_graph, self.source_id, f"person_{k}", Sphere(float(radius)), SKIN)
+            for k, radius in enumerate(points.radius)
+        ]
         self._points = self.DeclareAbstractInputPort("obstacles", AbstractValue.Make(ObstaclePoints()))
         self.DeclareAbstractOutputPort(
             "geometry_pose",
