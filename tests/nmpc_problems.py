@@ -3,7 +3,8 @@
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.messages import ObstaclePoints

@@ -19,15 +19,16 @@ from saphari_drake.simulation.runner.results import Metric
 Array = NDArray[np.float64]
 
 LEAN = 0.6  # rad
-# Weights of the pose far above those of the posture, whose pull would leave an error.
-_POSE = [100.0, 100.0, 100.0, 10.0, 10.0, 10.0]
+# Weights of the pose far above those of posture and obstacles, whose push would leave an error.
+_POSE = [3000.0, 3000.0, 3000.0, 300.0, 300.0, 300.0]
 
 
 def pose_controller() -> NmpcParameters:
     """Return weights for a pose that is reached and kept."""
     return NmpcParameters(
         Q_v=[0.05], Q_q=[1e-4], R_q=[1e-4], Q_e=_POSE, R_e=[5.0 * w for w in _POSE], velocity_scale=[0.5],
-        clearance_margin=0.001, retreat=True, ramp=1.0,
+        clearance_margin=0.001, retreat=True, ramp=1.0, pull_linear=[0.02, 0.06],
+        slack_penalty=1e5,
     )  # fmt: skip
 
 
@@ -49,7 +50,7 @@ class ManipulatorParameters:
     # m; distance that every test point keeps.
     d_min: float = 0.2
     # m²; weight of each test point in the objective (20). It trades the pose for distance.
-    c: float = 1.5e-4
+    c: float = 3.0e-4
     cell: NmpcCellParameters = field(default_factory=lambda: NmpcCellParameters(controller=pose_controller()))
 
     def __post_init__(self) -> None:

@@ -1,5 +1,7 @@
 """The barrier 1/(d² − d_min²) of eq. (20), for one obstacle and for many at once."""
 
+import math
+
 from saphari_drake.compiled import njit
 
 # Obstacles from which on the sums over them are taken without branches.
@@ -47,3 +49,15 @@ def barrier(s, guard):
     inv = 1.0 / guard
     t = (s - guard) * inv
     return inv * (1.0 - t + t * t), inv * inv * (2.0 * t - 1.0), 2.0 * inv * inv * inv
+
+
+@njit(cache=True)
+def pseudo_huber(s, sigma):
+    """Return φ = 2σ(√(1 + s/σ) − 1), φ' and φ'' (Charbonnier et al. 1994): s while s ≪ σ, then with the root of s.
+
+    With σ = 0 it is s everywhere.
+    """
+    if sigma <= 0.0:
+        return s, 1.0, 0.0
+    root = math.sqrt(1.0 + s / sigma)
+    return 2.0 * sigma * (root - 1.0), 1.0 / root, -0.5 / (sigma * root * root * root)

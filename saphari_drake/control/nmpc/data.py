@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from saphari_drake.compiled import njit
+
 Array = NDArray[np.float64]
 
 
@@ -30,6 +32,7 @@ class HorizonData(NamedTuple):
     Q_v: Array  # (n,)
     Q_q: Array  # (n,)
     Q_e: Array  # (6,), position, orientation
+    pull: Array  # (2,), a third of the squared pose errors (m², rad²) where their costs become linear; 0: nowhere
     R_q: Array  # (n,)
     R_e: Array  # (6,)
     r_O: float
@@ -54,3 +57,9 @@ class Scene(NamedTuple):
     p_WO: Array  # (N + 1, 3, m), obstacles; coordinates apart, so that kernels work on several at once
     radius: Array  # (m,)
     v0: Array  # (n,), velocity with which the horizon begins
+
+
+@njit(cache=True)
+def no_multipliers(scene, N, points):
+    """Return multipliers (N + 1, points, m) of no row, for `horizon.evaluate`."""
+    return np.zeros((N + 1, points, scene.radius.shape[0]))

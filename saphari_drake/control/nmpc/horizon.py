@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.nmpc.barrier import MANY, barrier, barrier_sums
+from saphari_drake.control.nmpc.barrier import MANY, barrier, barrier_sums, pseudo_huber
 from saphari_drake.control.nmpc.data import Array
 from saphari_drake.control.nmpc.kinematics import compose, empty_frames, forward, jacobian, place, relative_quaternion
 
@@ -85,12 +85,6 @@ def evaluate(data, scene, Q, multipliers, exact, derivatives):
             for i in range(j):
                 H[k, j, i] = H[k, i, j]
     return Expansion(f, g, H, P, J)
-
-
-@njit(cache=True)
-def no_multipliers(scene, N, points):
-    """Return multipliers for `evaluate` of no row."""
-    return np.zeros((N + 1, points, scene.radius.shape[0]))
 
 
 class PointTerm(NamedTuple):
@@ -204,29 +198,35 @@ def _pose_cost(data, scene, k, at, term, exact, g, H):
     """Add eᵀQ_e e, (17), with e the position error and twice the vector part of the quaternion of R_refᵀR."""
     F, G, S, _ = term
     link, R_ref = data.link_E, scene.R_ref[k]
-    Q_e = data.R_e if k == scene.p_ref.shape[0] - 1 else data.Q_e
-    x, eps, R_WE, value = np.empty(3), np.empty(3), np.empty((3, 3)), 0.0
+    Q = data.R_e if k == scene.p_ref.shape[0] - 1 else data.Q_e
+    x, off, eps, R_WE = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     place(at.R[link], at.p[link], data.p_ME, x)
     compose(at.R[link], data.R_ME, R_WE)
     eta = relative_quaternion(R_ref, R_WE, eps)
+    away = turned = 0.0
     for r in range(3):
-        S[r, 0] = S[r, 1] = S[r, 2] = 0.0
-        error = x[r] - scene.p_ref[k, r]
-        value += Q_e[r] * error * error + 4.0 * Q_e[3 + r] * eps[r] * eps[r]
-        F[r] = G[r] = 2.0 * Q_e[r] * error
-        S[r, r] = 2.0 * Q_e[r]
+        off[r] = x[r] - scene.p_ref[k, r]
+        away += Q[r] * off[r] * off[r]
+        turned += 4.0 * Q[3 + r] * eps[r] * eps[r]
+    value, slope, curve = pseudo_huber(away, data.pull[0] * (Q[0] + Q[1] + Q[2]))
+    turn = pseudo_huber(turned, data.pull[1] * (Q[3] + Q[4] + Q[5]))
+    for r in range(3):
+        F[r] = G[r] = 2.0 * slope * Q[r] * off[r]
+        for c in range(3):
+            S[r, c] = 4.0 * curve * Q[r] * off[r] * Q[c] * off[c]
+        S[r, r] += 2.0 * slope * Q[r]
     if H.shape[0] > 0:
         jacobian(data, at, link, x)
         _add_term(data, at, link, term, exact, g, H[0])
-        _add_turn(data, at, R_ref, Q_e[3:], (eta, eps), exact, g, H[0])
-    return value
+        _add_turn(data, at, R_ref, Q[3:], (eta, eps), turn, exact, g, H[0])
+    return value + turn[0]
 
 
 @njit(cache=True, inline="always")
-def _add_turn(data, at, R_ref, Q, quaternion, exact, g, H):
-    """Add gradient and Hessian of 4 εᵀQε: with a_j = R_refᵀω_j, ∂ε = ½(η a + a × ε) and ∂η = −½ a·ε."""
-    n, link, R, (eta, eps) = g.shape[0], data.link_E, at.R, quaternion
-    a, E, bend, We = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), 4.0 * Q * eps
+def _add_turn(data, at, R_ref, Q, quaternion, turn, exact, g, H):
+    """Add gradient and Hessian of φ(4 εᵀQε): with a_j = R_refᵀω_j, ∂ε = ½(η a + a × ε) and ∂η = −½ a·ε."""
+    n, link, R, (eta, eps), (_, slope, curve) = g.shape[0], data.link_E, at.R, quaternion, turn
+    a, E, bend, along, We = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), 4.0 * Q * eps
     for c in range(data.depth[link]):
         j = data.chain[link, c]
         if not data.revolute[j]:
@@ -239,11 +239,12 @@ def _add_turn(data, at, R_ref, Q, quaternion, exact, g, H):
         E[c, 2] = 0.5 * (eta * z + x * eps[1] - y * eps[0])
         bend[c, 0], bend[c, 1], bend[c, 2] = We[1] * z - We[2] * y, We[2] * x - We[0] * z, We[0] * y - We[1] * x
         d_eta = -0.5 * (x * eps[0] + y * eps[1] + z * eps[2])
-        g[j] += 2.0 * (We[0] * E[c, 0] + We[1] * E[c, 1] + We[2] * E[c, 2])
+        along[c] = 2.0 * (We[0] * E[c, 0] + We[1] * E[c, 1] + We[2] * E[c, 2])
+        g[j] += slope * along[c]
         for b in range(c + 1):
             h = 0.0
             for r in range(3):
                 h += 8.0 * Q[r] * E[c, r] * E[b, r]
                 if exact:
                     h += bend[b, r] * E[c, r] + d_eta * We[r] * a[b, r]
-            H[data.chain[link, b], j] += h
+            H[data.chain[link, b], j] += slope * h + curve * along[b] * along[c]

@@ -9,7 +9,9 @@ With v_k = (q_{k+1} − q_k)/T_s, e the pose error and h the home posture, minim
 subject to |v_k| ≤ v_max, q_min ≤ q_k ≤ q_max, d_ijk² ≥ d_min,i², and −Δx sin θ̄ + Δy cos θ̄ = 0 for a platform that
 cannot slip. Corrected against the print: (15) pulls to a home posture, not to the origin, which would drag a platform
 there; in (17) the orientation's error is twice the vector part of the quaternion of R_refᵀR, as orientations have no
-differences.
+differences. Added: with `pull_linear`, the terms eᵀQe grow linearly far from the pose (`barrier.pseudo_huber`). A
+quadratic pull that leaves millimetres against the push of obstacles near the goal drags the robot into local minima
+from afar.
 
 The cost is evaluated in `horizon`, the constraints in `rows`, and one of `solvers` finds the minimum. A minimum
 distance that cannot hold is relaxed at a high price. There is no guarantee that a feasible problem stays feasible:

@@ -62,6 +62,9 @@ class NmpcParameters:
     Q_e: list[float] = field(default_factory=lambda: [20.0, 20.0, 20.0, 2.0, 2.0, 2.0])
     # The same at the end of the horizon.
     R_e: list[float] = field(default_factory=lambda: [100.0, 100.0, 100.0, 10.0, 10.0, 10.0])
+    # m, rad; pose errors beyond which their cost grows linearly, so that a pose that is held firmly does not pull from
+    # afar harder than obstacles push; 0: quadratic everywhere, as published.
+    pull_linear: list[float] = field(default_factory=lambda: [0.0, 0.0])
     # Factor on the obstacle terms at the end of the horizon, eq. (21).
     r_O: float = 2.0
     # Whether distances are in the objective, eq. (18)–(21), with the c of each test point.
@@ -76,7 +79,7 @@ class NmpcParameters:
     clearance_margin: float = 0.0
     # m/s²; with which obstacles may leave their predicted ways, from when they were seen until a command takes effect.
     obstacle_acceleration: float = 0.0
-    # Cost of 1 m² by which a constraint is violated; exact while it exceeds the multipliers.
+    # Cost of 1 m² by which a constraint is violated; exact while it exceeds the multipliers, which grow with Q_e, R_e.
     slack_penalty: float = 1.0e4
     # Rest posture (rad or m); empty: the robot's home.
     home: list[float] = field(default_factory=list)
@@ -113,7 +116,7 @@ class NmpcParameters:
     def __post_init__(self) -> None:
         require_positive(self, "period", "barrier_guard", "slack_penalty", "velocity_scale", "acceleration_max")
         require_positive(self, "tolerance", "obstacle_timeout", "Q_v")
-        require_non_negative(self, "Q_q", "R_q", "Q_e", "R_e", "r_O", "clearance_margin")
+        require_non_negative(self, "Q_q", "R_q", "Q_e", "R_e", "pull_linear", "r_O", "clearance_margin")
         require_non_negative(self, "obstacle_acceleration", "deadline")
         require_within(self, 1, 1000, "horizon", "max_iterations")
         if np.max(self.velocity_scale) > 1.0:

@@ -107,6 +107,7 @@ class NmpcProblem:
             Q_v=diagonal(p.Q_v, n, "Q_v"),
             Q_q=_posture_weight(p.Q_q, limited, "Q_q"),
             Q_e=diagonal(p.Q_e, 6, "Q_e"),
+            pull=np.square(diagonal(p.pull_linear, 2, "pull_linear")) / 3.0,
             R_q=_posture_weight(p.R_q, limited, "R_q"),
             R_e=diagonal(p.R_e, 6, "R_e"),
             r_O=float(p.r_O),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saphari_drake.control.nmpc.barrier import barrier, barrier_sums
+from saphari_drake.control.nmpc.barrier import barrier, barrier_sums, pseudo_huber
 from saphari_drake.control.nmpc.rows import clearance, length, shortfalls, surplus
 
 GUARD = 1e-3
@@ -18,6 +18,24 @@ def test_the_barrier_goes_on_smoothly_below_its_guard():
         _, slope, curvature = barrier(s, GUARD)
         assert slope == pytest.approx((barrier(s + h, GUARD)[0] - barrier(s - h, GUARD)[0]) / (2.0 * h), rel=1e-5)
         assert curvature == pytest.approx((barrier(s + h, GUARD)[1] - barrier(s - h, GUARD)[1]) / (2.0 * h), rel=1e-5)
+
+
+def test_the_pseudo_huber_cost_is_convex_in_the_error_and_grows_linearly_far_away():
+    """Its derivatives are those of the value; near zero it is s, far away 2σ^½ times the root of s; σ = 0 leaves s."""
+    sigma = 0.04
+    for s in (1e-6, 0.03, 5.0):
+        h = 1e-4 * s
+        _, slope, curve = pseudo_huber(s, sigma)
+        assert slope == pytest.approx(
+            (pseudo_huber(s + h, sigma)[0] - pseudo_huber(s - h, sigma)[0]) / (2.0 * h), rel=1e-6
+        )
+        assert curve == pytest.approx(
+            (pseudo_huber(s + h, sigma)[1] - pseudo_huber(s - h, sigma)[1]) / (2.0 * h), rel=1e-5
+        )
+        assert 2.0 * slope + 4.0 * curve * s > 0.0  # second derivative along the error, s its square
+    assert pseudo_huber(1e-9, sigma)[0] == pytest.approx(1e-9, rel=1e-6)
+    assert pseudo_huber(1e6, sigma)[0] == pytest.approx(2.0 * np.sqrt(sigma * 1e6), rel=1e-3)
+    assert pseudo_huber(0.7, 0.0) == (0.7, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("count", [1, 3, 16, 61])

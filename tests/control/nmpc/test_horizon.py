@@ -6,7 +6,8 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
 from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, reachable, slip_rows
@@ -15,10 +16,10 @@ from saphari_drake.messages import ObstaclePoints
 H = 1e-6
 
 
-@pytest.fixture(scope="module")
-def scene():
-    """The benchmark's problem near its obstacles, with an iterate off the reference."""
-    problem = bench.benchmark_problem("3")
+@pytest.fixture(scope="module", params=[0.0, 0.1], ids=["quadratic", "linear"])
+def scene(request):
+    """The benchmark's problem near its obstacles, with an iterate off the reference, for both costs of the pose."""
+    problem = bench.benchmark_problem("3", pull_linear=[request.param])
     q0, R = bench.start(problem)
     q0 = q0 + np.array([0.0, 2.2] + [0.0] * 8)
     Q = q0 + 0.05 * np.random.default_rng(0).normal(size=(10, 10))
@@ -85,9 +86,10 @@ def test_exact_hessian_is_that_of_the_cost(scene):
         np.testing.assert_allclose(exact[k, j], difference, atol=1e-6 * np.abs(exact).max())
 
 
-def test_gauss_newton_hessian_is_exact_where_the_pose_error_vanishes():
+@pytest.mark.parametrize("pull", [0.0, 0.02])
+def test_gauss_newton_hessian_is_exact_where_the_pose_error_vanishes(pull):
     """Without obstacles and on the reference both agree; off it only the Gauss–Newton one must be semidefinite."""
-    problem = bench.benchmark_problem("1")
+    problem = bench.benchmark_problem("1", pull_linear=[pull])
     q, _ = bench.start(problem)
     R, p = problem.end_effector_pose(q)
     given, Q = problem.scene(q, NmpcReference(p[None], R[None]), ObstaclePoints()), np.tile(q, (10, 1))

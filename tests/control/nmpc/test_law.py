@@ -4,7 +4,8 @@ import nmpc_problems as bench
 import numpy as np
 import pytest
 
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.law import at_rest, nmpc_step, solve
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, NmpcStatus, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolutionResult, SolverOptions
 
-from saphari_drake.control.nmpc.data import HorizonData, Scene
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import HorizonData, Scene, no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.limits import position_limits
 from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, slip_rows
 from saphari_drake.control.nmpc.solvers.subproblem import QpStatus, Rows, spread

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saphari_drake.compiled import njit
-from saphari_drake.control.nmpc.data import HorizonData, Scene
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import HorizonData, Scene, no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.limits import feasible_start, step_limits
 from saphari_drake.control.nmpc.rows import distance_rows, kept_distances, slack_length, slip_rows, violation
 from saphari_drake.control.nmpc.solvers.dense import solve_dense

@@ -8,7 +8,8 @@ import pytest
 from arms import joint, link, write_urdf
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from saphari_drake.control.nmpc.horizon import evaluate, no_multipliers
+from saphari_drake.control.nmpc.data import no_multipliers
+from saphari_drake.control.nmpc.horizon import evaluate
 from saphari_drake.control.nmpc.law import solve
 from saphari_drake.control.nmpc.parameters import NmpcParameters, NmpcReference, NmpcStatus, TestPoint
 from saphari_drake.control.nmpc.problem import NmpcProblem
