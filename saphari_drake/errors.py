@@ -57,17 +57,3 @@ class SensorError(SaphariError, RuntimeError):
 
 class StabilityWarning(UserWarning):
     """A set of gains can oscillate with the surroundings that were stated."""
-
-
-class SolverError(SaphariError, RuntimeError):
-    """An optimization has no solution that can be used.
-
-    Attributes
-    ----------
-    solver, result : str
-        Which solver, and what it said.
-    """
-
-    def __init__(self, solver: str, result: str) -> None:
-        self.solver, self.result = solver, result
-        super().__init__(f"{solver}: {result}")

@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Multiplexer
 
-from experiments.hardware.rod_law import RodParameters
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.messages import CameraStatus, ContactPoint
 from saphari_drake.robots.model import RobotModel
@@ -49,15 +48,6 @@ class DeclaredContact(LeafSystem):
         self.DeclareAbstractOutputPort("contact_point", lambda: AbstractValue.Make(self._point), point)
         status = [float(CameraStatus.OK)]
         self.DeclareVectorOutputPort("camera_status", BasicVector(1), lambda context, out: out.SetFromVector(status))
-
-
-def touched_point(robot: RobotModel, rod: RodParameters, origin: np.ndarray, direction: np.ndarray) -> list[float]:
-    """Return where the rod touches its link at home, in the link's frame (m)."""
-    motion = robot.kinematics(robot.home)
-    index = robot.link_index(rod.link)
-    p_W = origin + (rod.gap + rod.radius) * direction
-    p_L: list[float] = (motion.R_WL[index].T @ (p_W - motion.p_WL[index])).tolist()
-    return p_L
 
 
 def add_tip_force(builder: DiagramBuilder, robot: RobotModel, link: str, p_L: list[float]) -> TipForce:

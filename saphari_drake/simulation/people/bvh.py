@@ -43,12 +43,6 @@ class BodyRecording:
             raise SensorError(f"{self.source}: no joint '{name}'; there are: {', '.join(self.names)}")
         return self.names.index(name)
 
-    def trimmed(self) -> BodyRecording:
-        """Return it without joints that are not finite in some frame at its begin or end."""
-        good = np.flatnonzero(np.isfinite(self.points).all(axis=(1, 2)))
-        rows = slice(good[0], good[-1] + 1) if good.size else slice(0, 0)
-        return BodyRecording(self.names, self.parents, self.points[rows], self.rate, self.source)
-
 
 @dataclass
 class _Joint:

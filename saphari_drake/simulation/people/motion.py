@@ -1,12 +1,10 @@
-"""HumanMotion: a recorded or made-up person in the cell, as obstacle points with velocities."""
+"""A recorded or made-up person in the cell, as obstacle points with velocities."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
 from saphari_drake.errors import ParameterError
@@ -14,7 +12,6 @@ from saphari_drake.messages import ObstaclePoints, ObstacleStatus
 from saphari_drake.parameters import require_non_negative, require_positive, require_vector
 from saphari_drake.simulation.people.motion_files import HumanRecording, read_human_motion, synthetic_recording
 from saphari_drake.simulation.people.motion_repair import JointState, RepairedMotion, repair_motion
-from saphari_drake.systems import declare_cache, declare_readouts
 
 Array = NDArray[np.float64]
 
@@ -167,34 +164,3 @@ class HumanPath:
             return (at, 1.0) if at <= length else (length, 0.0)
         at = at % (2.0 * length)
         return (at, 1.0) if at <= length else (2.0 * length - at, -1.0)
-
-
-class HumanMotion(LeafSystem):
-    """Plays a person's motion.
-
-    .. pydrake_system::
-
-        name: HumanMotion
-        output_ports:
-        - obstacles
-        - status
-
-    Ports
-    -----
-    obstacles : abstract `ObstaclePoints`, world frame: hands, wrists, elbows, shoulders and points between them.
-    status : 1, their `ObstacleStatus` as a number: HELD while a joint is not seen, LOST if for too long.
-    """
-
-    def __init__(self, path: HumanPath) -> None:
-        super().__init__()
-        self.path = path
-        entry = declare_cache(
-            self, "points", path(0.0), lambda context: self.path(context.get_time()), {self.time_ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "obstacles",
-            alloc=lambda: AbstractValue.Make(ObstaclePoints()),
-            calc=lambda context, output: output.set_value(entry.Eval(context)),
-            prerequisites_of_calc={entry.ticket()},
-        )
-        declare_readouts(self, entry, {"status": (1, lambda points: [float(points.status)])})

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 
 from saphari_drake.errors import ParameterError, SensorError
 from saphari_drake.messages import ObstacleStatus
-from saphari_drake.simulation.people.motion import HumanMotion, HumanMotionParameters, HumanPath, camera_to_world
+from saphari_drake.simulation.people.motion import HumanMotionParameters, HumanPath, camera_to_world
 from saphari_drake.simulation.people.motion_files import JOINTS, HumanRecording, read_human_motion, synthetic_recording
 from saphari_drake.simulation.people.motion_repair import JointState, repair_motion
 
@@ -229,18 +229,6 @@ def test_bad_parameters_are_named(change, field):
     """A parameter that cannot be used is an error that names it."""
     with pytest.raises(ParameterError, match=field):
         HumanMotionParameters(**change)
-
-
-def test_ports():
-    """The system publishes the path at the Context's time; two Contexts have times of their own."""
-    system = HumanMotion(HumanPath(HumanMotionParameters()))
-    first, second = system.CreateDefaultContext(), system.CreateDefaultContext()
-    first.SetTime(4.0)
-    np.testing.assert_array_equal(system.GetOutputPort("obstacles").Eval(first).p_WO, system.path(4.0).p_WO)
-    np.testing.assert_array_equal(system.GetOutputPort("obstacles").Eval(second).p_WO, system.path(0.0).p_WO)
-    assert system.GetOutputPort("obstacles").Eval(first).stamp == 4.0
-    assert system.GetOutputPort("status").Eval(first)[0] == ObstacleStatus.OK
-    assert not system.HasAnyDirectFeedthrough()
 
 
 def test_joint_names():
