@@ -70,17 +70,25 @@ def made_text(results: Results) -> str:
 
 
 def seeds_text(results: Results) -> str:
-    """Return the seeds that most cases were run with, then the cases with others."""
-    by_seeds: dict[str, list[str]] = {}
+    """Return the seeds of most cases on the ideal plant, then scripts with others, and of which cases if not of all."""
+    groups: dict[str, dict[str, list[str]]] = {}
     for script, cases in results.items():
         for case, summary in cases.items():
-            if not all(figures["same"] for figures in summary["metrics"].values()):
-                by_seeds.setdefault(_ranges(summary["seeds"]), []).append(f"`{script}` {case}")
-    if not by_seeds:
+            if summary["plant"] == "ideal" and not all(figures["same"] for figures in summary["metrics"].values()):
+                groups.setdefault(_ranges(summary["seeds"]), {}).setdefault(script, []).append(case)
+    if not groups:
         return "No seed changes anything"
-    usual = max(by_seeds, key=lambda seeds: len(by_seeds[seeds]))
-    others = [f"{', '.join(cases)}: {seeds}" for seeds, cases in by_seeds.items() if seeds != usual]
+    usual = max(groups, key=lambda seeds: sum(map(len, groups[seeds].values())))
+    others = []
+    for seeds, scripts in groups.items():
+        names = (" ".join([f"`{script}`", *_some(script, cases, groups)]) for script, cases in scripts.items())
+        others += [f"{', '.join(names)}: {seeds}"] if seeds != usual else []
     return f"Seeds {usual}" + (f" ({'; '.join(others)})" if others else "")
+
+
+def _some(script: str, cases: list[str], groups: dict[str, dict[str, list[str]]]) -> list[str]:
+    """Return these cases of a script, or none if no others were run with other seeds."""
+    return [" ".join(cases)] if sum(script in scripts for scripts in groups.values()) > 1 else []
 
 
 def _ranges(seeds: Sequence[int]) -> str:

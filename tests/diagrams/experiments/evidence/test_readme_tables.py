@@ -113,6 +113,7 @@ def test_cases_with_other_seeds_than_most_are_named():
 
     cases = {"a": case([0, 1, 2]), "b": case([0, 1, 2]), "c": case([0, 1, 2, 3, 21]), "d": case([0], seedless=True)}
     assert seeds_text({"toy": cases}) == "Seeds 0–2 (`toy` c: 0–3, 21)"
+    assert seeds_text({"toy": cases, "other": {"e": case([0, 1])}}) == "Seeds 0–2 (`toy` c: 0–3, 21; `other`: 0–1)"
     assert seeds_text({"toy": {"d": cases["d"]}}) == "No seed changes anything"
 
 
