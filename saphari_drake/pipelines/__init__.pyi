@@ -55,3 +55,12 @@ from .safe_cell.parameters import (
 from .safe_cell.parameters import (
     SafeCellParameters as SafeCellParameters,
 )
+from .velocity import (
+    VelocityPipeline as VelocityPipeline,
+)
+from .velocity import (
+    VelocityPipelineParameters as VelocityPipelineParameters,
+)
+from .velocity import (
+    add_velocity_pipeline as add_velocity_pipeline,
+)

@@ -49,9 +49,10 @@ def add_joint_check(
     measured: JointState,
     params: JointCheckParameters,
     witness: JointWitness | None,
+    name: str = "joint_check",
 ) -> CheckedState:
     """Add a check of a measured joint state, by another witness if there is one."""
-    check = builder.AddNamedSystem("joint_check", JointCheck(robot, params))
+    check = builder.AddNamedSystem(name, JointCheck(robot, params))
     builder.Connect(measured.position, check.GetInputPort("position_measured"))
     builder.Connect(measured.velocity, check.GetInputPort("velocity_measured"))
     if witness and witness.position:

@@ -1,7 +1,7 @@
 """The safe cell as one diagram: plant, people, sensors and the pipeline, which knows nothing but the sensors."""
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -10,8 +10,9 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 
 from experiments.cell.scenario import CellScenario, at_start, for_way, job_of, person_of, robot_of, seeded
-from experiments.joint_state import own_joint_state
+from experiments.joint_state import feel_torque, joint_witness, own_joint_state
 from experiments.nmpc.manipulator import points_along
+from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.perception.segmentation.background import background_depth
 from saphari_drake.perception.skin.calibration import calibrate
 from saphari_drake.perception.skin.layout import SkinLayout
@@ -107,6 +108,7 @@ def build_cell(
     measured, setup = _sensors(builder, scenario, job, cell, people, params, truth)
     pipeline = add_safe_cell(builder, setup, measured, params)
     builder.Connect(pipeline.torque_output, cell.torque_input)
+    feel_torque(builder, cell, pipeline.torque_output)
     # It is the first camera that fails.
     sampler = builder.GetSubsystemByName("camera_sampler_0")
     inject_into_camera(builder, cell.scene_graph, scenario.cameras[0], sampler, scenario.sampler, truth)
@@ -171,6 +173,7 @@ def _sensors(
         empty = scan_background(robot, Floor(FLOOR), params_k, own.noise, 4)
         backgrounds.append(background_depth(empty, params.localizer))
     params.localizer.frozen_frames = 2 if scenario.sampler.noise.enabled else 0
+    witness = joint_witness(builder, robot, cell, replace(scenario.joint_sensor, period=params.envelope.period), truth)
     measured = CellMeasurements(
         joints.GetOutputPort("position_measured"),
         joints.GetOutputPort("velocity_measured"),
@@ -179,6 +182,7 @@ def _sensors(
         wrist.GetOutputPort("wrench_sensor"),
         skin.GetOutputPort("voltages"),
         skin.GetOutputPort("sample_time"),
+        witness if np.all(robot.tree.kind == REVOLUTE) else witness._replace(torque=None),  # platforms have none
     )
     calibration = calibrate(layout, indent(SkinModules(layout, scenario.skin_sensor.modules)))
     points = points_along(robot, robot.link_names[-1], 0.08, 5e-6)

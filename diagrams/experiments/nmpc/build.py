@@ -11,20 +11,17 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 from experiments.joint_state import feel_torque, joint_witness
 from experiments.nmpc.jobs import NmpcJob
 from experiments.nmpc.watch import FLOOR, ObstacleWatch, add_obstacle_watch
-from saphari_drake.control.joint_servo import JointServoParameters, JointVelocityServo
+from saphari_drake.control.joint_servo import JointServoParameters
 from saphari_drake.control.nmpc.parameters import NmpcParameters
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.math.tree import REVOLUTE
 from saphari_drake.messages import ObstaclePoints
 from saphari_drake.parameters import diagonal, require_choice
 from saphari_drake.pipelines.envelope import JointState, add_joint_check
-from saphari_drake.robots.dynamics import RobotDynamics
+from saphari_drake.pipelines.velocity import VelocityPipeline, VelocityPipelineParameters, add_velocity_pipeline
 from saphari_drake.safety.joint_check.parameters import JointCheckParameters
-from saphari_drake.safety.torque_limit import TorqueLimit
 from saphari_drake.safety.velocity_envelope.parameters import VelocityEnvelopeParameters
-from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
 from saphari_drake.safety.verified_stop.parameters import VerifiedStopParameters
-from saphari_drake.safety.verified_stop.system import VerifiedStop
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.recorder import Recorder
 from saphari_drake.simulation.record.robot import record_robot
@@ -105,35 +102,59 @@ def build_nmpc(
     truth : Truth, optional
         How the plant differs from the robot.
     """
-    robot, step, truth = job.robot, params.time_step, truth or Truth()
+    robot, truth = job.robot, truth or Truth()
     builder = DiagramBuilder()
     cell = add_cell(builder, robot, [Floor(FLOOR)], params, truth)
-    exact = JointSensorParameters(period=step, position_resolution=0.0, differentiate=False)
+    exact = JointSensorParameters(period=params.time_step, position_resolution=0.0, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
     measured = JointState(sensor.GetOutputPort("position_measured"), sensor.GetOutputPort("velocity_measured"))
     arm = bool(np.all(robot.tree.kind == REVOLUTE))  # platforms have no second encoders
     witness = joint_witness(builder, robot, cell, exact, truth) if arm else None
     checked = add_joint_check(builder, robot, measured, params.check, witness)
-    dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
+    known = _add_surroundings(builder, cell, job, params, checked.state.position, truth if seen else None)
+    guard = {params.verified_stop: known} if params.verified_stop != "off" and params.geometry else {}
     motion = replace(params.envelope, stale_time=_stale_time(params))
-    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, motion))
-    within = acceleration_within(params.controller, envelope.bounds.acceleration)
+    velocity = add_velocity_pipeline(
+        builder, robot, checked.state, VelocityPipelineParameters(motion, params.stop, params.servo), **guard
+    )
+    within = acceleration_within(params.controller, velocity.envelope.bounds.acceleration)
     if truth.profile.torque_delay > 0:  # computing takes its time too
         within = replace(within, delay_compensation=True)
     controller = builder.AddNamedSystem("controller", TimedController(robot, job.end_effector, job.points, within))
-    servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
-    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, params.servo.period))
     period, horizon = params.controller.period, params.controller.horizon
     reference = builder.AddNamedSystem(
         "reference", Reference({"reference": lambda time: job.horizon_reference(time, period, horizon)})
     )
+    for source, target in (
+        (cell.robot_state, sensor.GetInputPort("state")),
+        (checked.state.position, controller.GetInputPort("position_measured")),
+        (reference.get_output_port(), controller.GetInputPort("reference")),
+        (known, controller.GetInputPort("obstacles")),
+        (controller.GetOutputPort("velocity_commanded"), velocity.command_input),
+        (velocity.torque_output, cell.torque_input),
+    ):
+        builder.Connect(source, target)
+    if params.controller.nonholonomic:
+        _add_wheels(builder, params, cell, cell.torque_driving or velocity.torque_output, truth)
+    checked.close(builder, velocity.torque_output, witness)
+    if witness:
+        feel_torque(builder, cell, velocity.torque_output)
+    recorders = _record(builder, cell, controller, velocity, known, params)
+    inject_into(builder, cell, truth)
+    show(builder, cell.scene_graph, meshcat)
+    return NmpcCell(job, params, cell, controller, builder.Build(), *recorders)
+
+
+def _add_surroundings(
+    builder: DiagramBuilder,
+    cell: Cell,
+    job: NmpcJob,
+    params: NmpcCellParameters,
+    position: OutputPort,
+    seen: Truth | None,
+) -> OutputPort:
+    """Add the obstacles; return what is known of them: all, nothing, or what a camera sees of them."""
     surroundings = builder.AddNamedSystem("surroundings", Reference({"obstacles": job.obstacles}))
-    builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    position = checked.state.position
-    builder.Connect(position, dynamics.GetInputPort("position_measured"))
-    builder.Connect(checked.state.velocity, dynamics.GetInputPort("velocity_measured"))
-    builder.Connect(position, controller.GetInputPort("position_measured"))
-    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     known = surroundings.get_output_port()
     if len(job.obstacles(0.0).p_WO) > 0 and np.all(job.obstacles(0.0).radius > 0.0):
         body = add_person_body(builder, cell.scene_graph, job.obstacles(0.0))
@@ -142,45 +163,32 @@ def build_nmpc(
         nothing = builder.AddNamedSystem("no_obstacles", Reference({"obstacles": lambda t: ObstaclePoints(stamp=t)}))
         known = nothing.get_output_port()
     elif seen:
-        known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position, truth)
-    builder.Connect(known, controller.GetInputPort("obstacles"))
-    command = controller.GetOutputPort("velocity_commanded")
-    torque = limit.GetOutputPort("torque_applied")
-    if params.controller.nonholonomic:
-        _add_wheels(builder, params, cell, cell.torque_driving or torque, truth)
-    builder.Connect(position, envelope.GetInputPort("position_measured"))
-    builder.Connect(command, envelope.GetInputPort("velocity_commanded"))
-    applied, guarded = envelope.GetOutputPort("velocity_applied"), params.verified_stop != "off" and params.geometry
-    if guarded:
-        braking = replace(params.stop, motion=params.envelope)
-        stop = builder.AddNamedSystem("verified_stop", VerifiedStop(robot, braking))
-        builder.Connect(applied, stop.GetInputPort("velocity_commanded"))
-        builder.Connect(position, stop.GetInputPort("position_measured"))
-        builder.Connect(known, stop.GetInputPort(params.verified_stop))
-        applied = stop.GetOutputPort("velocity_applied")
-    builder.Connect(applied, servo.GetInputPort("velocity_commanded"))
-    builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
-    builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
-    builder.Connect(torque, cell.torque_input)
-    checked.close(builder, torque, witness)
-    if witness:
-        feel_torque(builder, cell, torque)
-    fast, slow = record_robot(builder, cell, step), Recorder(builder, period)
-    fast.add("velocity_commanded", command, "rad/s, m/s")
-    fast.add("velocity_applied", applied, "rad/s, m/s")
-    if guarded:
-        fast.add("stop_status", stop.GetOutputPort("status"), "1")
-        fast.add("stop_margin", stop.GetOutputPort("margin"), "m")
-    fast.add("envelope", envelope.GetOutputPort("status"), "1")
-    fast.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm, N")
-    for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m")):
+        known = add_obstacle_watch(builder, cell.scene_graph, job, params.watch, position, seen)
+    return known
+
+
+def _record(
+    builder: DiagramBuilder,
+    cell: Cell,
+    controller: NmpcController,
+    velocity: VelocityPipeline,
+    known: OutputPort,
+    params: NmpcCellParameters,
+) -> tuple[Recorder, Recorder]:
+    """Return what is recorded at every step of the plant, and every control period."""
+    fast, slow = record_robot(builder, cell, params.time_step), Recorder(builder, params.controller.period)
+    fast.add("velocity_commanded", controller.GetOutputPort("velocity_commanded"), "rad/s, m/s")
+    fast.add("velocity_applied", velocity.velocity_output, "rad/s, m/s")
+    if velocity.stop:
+        fast.add("stop_status", velocity.stop.GetOutputPort("status"), "1")
+        fast.add("stop_margin", velocity.stop.GetOutputPort("margin"), "m")
+    fast.add("envelope", velocity.envelope.GetOutputPort("status"), "1")
+    fast.add("torque_excess", velocity.limit.GetOutputPort("torque_excess"), "Nm, N")
+    for name, unit in (("status", "1"), ("slack", "m"), ("min_clearance", "m"), ("predicted_motion", "rad, m")):
         slow.add(name, controller.GetOutputPort(name), unit)
-    slow.add("predicted_motion", controller.GetOutputPort("predicted_motion"), "rad, m")
     slow.add("obstacle_status", known, "1", lambda obstacles: [float(obstacles.status)])
     slow.add("obstacles_known", known, "m", _padded, size=4 * KNOWN)
-    inject_into(builder, cell, truth)
-    show(builder, cell.scene_graph, meshcat)
-    return NmpcCell(job, params, cell, controller, builder.Build(), fast, slow)
+    return fast, slow
 
 
 def _stale_time(params: NmpcCellParameters) -> float:

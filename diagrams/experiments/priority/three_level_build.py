@@ -10,12 +10,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from experiments.priority.drake_ik import DifferentialIK, median_seconds
 from experiments.priority.switches import find_switches
 from experiments.priority.three_level import ThreeLevelJob, circle_reference, clearances
-from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.reverse_priority.law import PriorityStatus
 from saphari_drake.control.reverse_priority.system import ReversePriorityController, position_reference
-from saphari_drake.robots.dynamics import RobotDynamics, evaluate_dynamics
-from saphari_drake.safety.torque_limit import TorqueLimit
-from saphari_drake.safety.velocity_envelope.system import VelocityEnvelope
+from saphari_drake.pipelines.envelope import JointState
+from saphari_drake.pipelines.velocity import VelocityPipelineParameters, add_velocity_pipeline
+from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.faults.injection import inject_into
 from saphari_drake.simulation.record.log import Log
 from saphari_drake.simulation.record.recorder import Recorder
@@ -49,27 +48,21 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
     cell = add_cell(builder, robot, truth=truth)
     exact = JointSensorParameters(period=period, differentiate=False)
     sensor = builder.AddNamedSystem("joint_sensor", JointSensor(robot, truth.joint_sensor(exact)))
-    dynamics = builder.AddNamedSystem("dynamics", RobotDynamics(robot))
+    measured = JointState(sensor.GetOutputPort("position_measured"), sensor.GetOutputPort("velocity_measured"))
+    velocity = add_velocity_pipeline(
+        builder, robot, measured, VelocityPipelineParameters(params.envelope, servo=params.servo)
+    )
     controller = builder.AddNamedSystem("controller", ReversePriorityController(robot, job.levels, params.controller))
-    envelope = builder.AddNamedSystem("velocity_envelope", VelocityEnvelope(robot, params.envelope))
-    servo = builder.AddNamedSystem("joint_servo", JointVelocityServo(robot, params.servo))
-    limit = builder.AddNamedSystem("torque_limit", TorqueLimit(robot, period))
     path = builder.AddNamedSystem("path", Reference({"value": lambda t: circle_reference(job, t)}, period))
     person = builder.AddNamedSystem("person", Reference({"value": job.person}, period))
     builder.Connect(cell.robot_state, sensor.GetInputPort("state"))
-    for name in ("position_measured", "velocity_measured"):
-        builder.Connect(sensor.GetOutputPort(name), dynamics.GetInputPort(name))
-    for system in (controller, envelope):
-        builder.Connect(sensor.GetOutputPort("position_measured"), system.GetInputPort("position_measured"))
+    builder.Connect(measured.position, controller.GetInputPort("position_measured"))
     builder.Connect(path.GetOutputPort("value"), controller.GetInputPort("references"))
     builder.Connect(person.GetOutputPort("value"), controller.GetInputPort("targets"))
-    builder.Connect(dynamics.GetOutputPort("dynamics"), servo.GetInputPort("dynamics"))
-    builder.Connect(controller.GetOutputPort("velocity_commanded"), envelope.GetInputPort("velocity_commanded"))
-    builder.Connect(envelope.GetOutputPort("velocity_applied"), servo.GetInputPort("velocity_commanded"))
-    builder.Connect(servo.GetOutputPort("torque_commanded"), limit.GetInputPort("torque_commanded"))
-    builder.Connect(limit.GetOutputPort("torque_applied"), cell.torque_input)
+    builder.Connect(controller.GetOutputPort("velocity_commanded"), velocity.command_input)
+    builder.Connect(velocity.torque_output, cell.torque_input)
     recorder = record_robot(builder, cell, 0.001)
-    recorder.add("position_measured", sensor.GetOutputPort("position_measured"), "rad")
+    recorder.add("position_measured", measured.position, "rad")
     recorder.add("person", person.GetOutputPort("value"), "m, m/s")
     recorder.add("reference", path.GetOutputPort("value"), "m, m/s", lambda r: np.append(r[9:12], r[15:18]))
     for name, unit in (
@@ -82,8 +75,8 @@ def build_three_level(job: ThreeLevelJob, meshcat: Meshcat | None = None, truth:
     ):
         recorder.add(name, controller.GetOutputPort(name), unit)
     inject_into(builder, cell, truth)
-    recorder.add("torque", limit.GetOutputPort("torque_applied"), "Nm")
-    recorder.add("torque_excess", limit.GetOutputPort("torque_excess"), "Nm")
+    recorder.add("torque", velocity.torque_output, "Nm")
+    recorder.add("torque_excess", velocity.limit.GetOutputPort("torque_excess"), "Nm")
     show(builder, cell.scene_graph, meshcat)
     return ThreeLevelCell(job, cell, controller, builder.Build(), recorder)
 

@@ -1,5 +1,6 @@
 """The safe cell: from measured ports to `torque_applied`, under one supervisor."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -10,7 +11,7 @@ from saphari_drake.control.nmpc.parameters import NmpcStatus
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.messages import CameraStatus, SkinStatus, SystemStatus
 from saphari_drake.perception.obstacles.merge import MergedObstacles
-from saphari_drake.pipelines.envelope import JointState, add_joint_envelope
+from saphari_drake.pipelines.envelope import JointState, add_joint_check, add_joint_envelope
 from saphari_drake.pipelines.safe_cell.job_path import JobPath
 from saphari_drake.pipelines.safe_cell.parameters import CellMeasurements, CellSetup, SafeCellParameters
 from saphari_drake.pipelines.safe_cell.parts import add_contact, add_guiding, add_job, add_people
@@ -66,15 +67,19 @@ def add_safe_cell(
 ) -> SafeCell:
     """Add all systems of the safe cell, and connect them.
 
-    Cameras → people → monitors and predictive controller; its velocity, as far as the supervisor lets it, → verified
-    stop → velocity envelope → servo. Residual, cameras → contact controller. Skin, wrist sensor → guiding. The
-    supervisor names the torque that passes → command switch → joint envelope. `recover` of the supervisor is left to
-    connect.
+    Joint states, checked → all. Cameras → people → monitors and predictive controller; its velocity, as far as the
+    supervisor lets it, → verified stop → velocity envelope → servo. Residual, cameras → contact controller. Skin, wrist
+    sensor → guiding. The supervisor names the torque that passes → command switch → joint envelope. `recover` of the
+    supervisor is left to connect.
     """
     params = params or SafeCellParameters()
     params.__post_init__()
     params.supervisor.fault_names = list(BROKEN)
-    robot, add = setup.robot, builder.AddNamedSystem
+    robot, add, witness = setup.robot, builder.AddNamedSystem, measured.witness
+    state, own = JointState(measured.position, measured.velocity), replace(params.check, period=params.envelope.period)
+    held = add_joint_check(builder, robot, state, replace(params.check, period=params.period), witness)
+    fast = add_joint_check(builder, robot, measured.joint_state, own, witness, "own_joint_check")
+    measured = measured._replace(position=held.state.position, velocity=held.state.velocity, joint_state=fast.state)
     dynamics = add("dynamics", RobotDynamics(robot))
     for port, name in ((measured.position, "position_measured"), (measured.velocity, "velocity_measured")):
         builder.Connect(port, dynamics.GetInputPort(name))
@@ -85,11 +90,12 @@ def add_safe_cell(
     guiding = add_guiding(builder, setup, measured, params)
     choice, gate = add("torque_choice", TorqueChoice(robot.n)), add("fault_gate", FaultGate(BROKEN, params.signals))
     switch = add("command_switch", CommandSwitch(robot, params.switch))
-    held = JointState(measured.position, measured.velocity)
     envelope = add_joint_envelope(
-        builder, robot, switch, contact.observer.GetOutputPort("torque_external"), held, measured.joint_state,
+        builder, robot, switch, contact.observer.GetOutputPort("torque_external"), held.state, fast.state,
         params.envelope, params.period,
     )  # fmt: skip
+    for checked in (held, fast):
+        checked.close(builder, envelope.GetOutputPort("torque_acting"), witness)
     connect(
         builder,
         (dynamics, "dynamics", job.path, job.separation, job.force_limit, contact.observer, contact.monitor,

@@ -22,7 +22,7 @@ from saphari_drake.perception.skin.calibration import SkinCalibration
 from saphari_drake.perception.skin.estimator import SkinEstimatorParameters
 from saphari_drake.perception.skin.layout import SkinLayout
 from saphari_drake.perception.wrench.estimator import WristWrenchParameters
-from saphari_drake.pipelines.envelope import JointState
+from saphari_drake.pipelines.envelope import JointState, JointWitness
 from saphari_drake.pipelines.safe_cell.job_path import Job
 from saphari_drake.pipelines.safe_cell.signals import (
     CellSignalParameters,
@@ -31,6 +31,7 @@ from saphari_drake.robots.model import RobotModel
 from saphari_drake.safety.command_switch import CommandSwitchParameters
 from saphari_drake.safety.contact_detector import ContactDetectorParameters
 from saphari_drake.safety.contact_monitor import ContactMonitorParameters
+from saphari_drake.safety.joint_check.parameters import JointCheckParameters
 from saphari_drake.safety.joint_envelope.parameters import JointEnvelopeParameters
 from saphari_drake.safety.power_force.parameters import PowerForceParameters
 from saphari_drake.safety.speed_separation.parameters import SpeedSeparationParameters
@@ -52,6 +53,8 @@ class SafeCellParameters:
             Q_v=[0.05], Q_q=[1e-3], R_q=[1e-3], velocity_scale=[0.6], ramp=1.0, obstacle_constraints=False, retreat=True
         )
     )
+    # Of the joints, at the period and at the robot's own rate.
+    check: JointCheckParameters = field(default_factory=JointCheckParameters)
     tracker: ObstacleTrackerParameters = field(default_factory=ObstacleTrackerParameters)
     separation: SpeedSeparationParameters = field(default_factory=SpeedSeparationParameters)
     force_limit: PowerForceParameters = field(default_factory=PowerForceParameters)
@@ -105,6 +108,7 @@ class CellMeasurements(NamedTuple):
     wrench: OutputPort  # 6 (Nm, N), reading of the wrist sensor
     voltages: OutputPort  # of the skin (V)
     sample_time: OutputPort  # when they were read (s)
+    witness: JointWitness | None = None  # of the joints, at the robot's own rate
 
 
 class CellSetup(NamedTuple):

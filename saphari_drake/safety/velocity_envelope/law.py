@@ -10,7 +10,7 @@ from saphari_drake.compiled import njit
 from saphari_drake.safety.joint_envelope.stopping import acceleration_bounds, fastest, speed_bound, stop_position
 
 Array = NDArray[np.float64]
-_ROUNDING = 1e-6  # share of an acceleration by which bounds may contradict one another
+_ROUNDING = 1e-5  # share of an acceleration by which bounds may contradict one another
 
 
 class VelocityStatus(IntEnum):

@@ -20,6 +20,8 @@ class VelocityEnvelopeParameters:
 
     # rad/s² or m/s², largest acceleration, one value or one a joint; infinite: what the motors surely give.
     acceleration_max: list[float] = field(default_factory=lambda: [np.inf])
+    # s, from rest to the velocity limit at least: what light wrists could do faster, the servo overshoots. Assumed.
+    full_speed_time: float = 0.04
     # s, in which an acceleration rises from zero to its largest. Assumed; Franka's limits for the Panda give 0.002.
     rise_time: float = 0.01
     # Nm/s (N/s), largest rate of a joint's torque, that of the `JointEnvelope` behind; infinite: any.
@@ -28,8 +30,8 @@ class VelocityEnvelopeParameters:
     torque_reserve: float = 0.1
     # Share of the velocity limits at which all joints are taken to move at once. Assumed.
     speed_share: float = 0.5
-    # Share of the velocity limits kept for what the servo overshoots. Assumed; 0.002 was needed.
-    speed_margin: float = 0.005
+    # Share of the velocity limits kept for what the servo overshoots. Assumed; `JointVelocityServo` needed 0.007.
+    speed_margin: float = 0.01
     # rad or m, kept from the position limits.
     position_margin: float = 0.001
     # s, by which the joints follow the applied velocity at most. Assumed; `JointVelocityServo` at 1 ms needs 0.002.
@@ -43,7 +45,7 @@ class VelocityEnvelopeParameters:
     period: float = 0.001
 
     def __post_init__(self) -> None:
-        require_positive(self, "rise_time", "postures", "period")
+        require_positive(self, "full_speed_time", "rise_time", "postures", "period")
         if not self.torque_rate > 0.0:
             raise ParameterError("torque_rate", f"must be positive, got {self.torque_rate}")
         require_non_negative(self, "position_margin", "lag")
@@ -91,7 +93,7 @@ def bounds_of(robot: RobotModel, params: VelocityEnvelopeParameters) -> Bounds:
     if left.min() <= 0.0:
         joint = robot.joint_names[int(np.argmin(left.min(axis=0)))]
         raise ParameterError("torque_reserve", f"joint '{joint}' cannot hold its load with what is left")
-    acceleration = _shared(inertia, left, wanted, robot.v_max)
+    acceleration = np.minimum(_shared(inertia, left, wanted, robot.v_max), robot.v_max / params.full_speed_time)
     jerk = acceleration / params.rise_time
     if np.isfinite(params.torque_rate):
         rate = np.full(n, (1.0 - params.torque_reserve) * params.torque_rate)
