@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,8 @@ class ModelErrorParameters:
     offset: list[float] | float = 0.3
     # Nm (N); what friction at rest may hide of each joint is not learned: as a correction it would only shift friction.
     stiction: list[float] | float = 0.0
-    # rad (m); way of a joint over which its offset is forgotten, as friction and ripple change with it; less way than
-    # the second does not count. Nms/rad (Ns/m); friction that nobody knows grows with speed.
+    # rad (m); way of a joint over which its offset is forgotten, as friction and ripple change with it (0: never); less
+    # way than the second does not count. Nms/rad (Ns/m); friction that nobody knows grows with speed.
     offset_way: float = 0.02
     least_way: float = 0.001
     viscous: float = 1.0
@@ -61,10 +61,11 @@ class ModelErrorParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_non_negative(self, "mass", "tool_mass", "tool_offset", "offset", "stiction", "inertia", "viscous")
+        names = "mass", "tool_mass", "tool_offset", "offset", "stiction", "offset_way", "viscous", "inertia"
+        require_non_negative(self, *names)
         require_positive(
-            self, "offset_way", "least_way", "drift_time", "noise", "noise_time", "noise_limit", "multiple",
-            "start_time", "suspicion", "still_speed", "quiet_time", "period",
+            self, "least_way", "drift_time", "noise", "noise_time", "noise_limit", "multiple", "start_time",
+            "suspicion", "still_speed", "quiet_time", "period",
         )  # fmt: skip
 
 
@@ -153,11 +154,12 @@ class ModelErrorEstimator(LeafSystem):
         noise, offset, K_I = diagonal(p.noise, n, "noise"), diagonal(p.offset, n, "offset"), diagonal(gain, n, "gain")
         self._stiction = diagonal(p.stiction, n, "stiction")
         self._gain = discrete_gain(K_I, p.period)
+        self._forgetting = 2.0 / p.offset_way if p.offset_way > 0.0 else 0.0
         self._offset, start = offset, prior(n, p.mass, p.tool_mass, p.tool_offset, offset)
         self._limits = p.multiple * np.sqrt(np.diag(start.covariance))
         # The residual is filtered: neighbouring samples are not independent.
         self._variance = noise**2 * (1.0 + 2.0 / (K_I * p.period))
-        drift = self._variance * (p.period / p.drift_time) ** 2 * (offset > 0.0)
+        drift = (p.period / p.drift_time) ** 2 * (offset > 0.0) * self._variance
         self._drift = np.concatenate([np.zeros(n + 4), drift])
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
         self._dynamics = DynamicsInput(self, terms)
@@ -206,9 +208,8 @@ class ModelErrorEstimator(LeafSystem):
         H = sensitivity(terms.motion, self._tree)
         bias, variance = H @ learned.theta, np.einsum("ij,jk,ik->i", H, learned.covariance, H)
         change = self._gain * (terms.p - memory.p_lagged) if memory.started else zero
-        unsure = (
-            p.multiple * np.sqrt(np.maximum(variance, 0.0)) + p.inertia * np.abs(change) + p.viscous * np.abs(terms.v)
-        )
+        unsure = p.multiple * np.sqrt(np.maximum(variance, 0.0)) + p.viscous * np.abs(terms.v)
+        unsure = unsure + p.inertia * np.abs(change)
         return _Estimate(terms.with_gravity(terms.g - bias), H, r - memory.lagged @ learned.theta, bias, unsure)
 
     def _update(self, context: Context, state: State) -> None:
@@ -217,15 +218,15 @@ class ModelErrorEstimator(LeafSystem):
             contact = self._contact.Eval(context)[0] if self._contact.HasValue(context) else 0.0
             memory = self._after(before, now, np.array(r), not contact <= 0.5)
         else:  # the observer starts anew
-            anew: dict[str, Any] = {"lagged": 0.0 * before.lagged, "quiet": 0.0, "started": False}
-            memory = replace(before, **anew, status=LearningStatus.TOUCHED)
+            status, unknown = LearningStatus.TOUCHED, 0.0 * before.lagged
+            memory = replace(before, lagged=unknown, quiet=0.0, started=False, status=status)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
     def _after(self, before: _Memory, now: _Estimate, r: Array, touched: bool) -> _Memory:
         p, terms, noise = self._params, now.terms, before.noise
         place = counted(before.place, terms.q, p.least_way) if before.started else terms.q
-        way = np.abs(place - before.place) * before.started
-        learned = forgotten(before.learned, -np.expm1(-2.0 * way / p.offset_way), self._offset)
+        ways = self._forgetting * np.abs(place - before.place) * before.started
+        learned = forgotten(before.learned, -np.expm1(-ways), self._offset)
         pass_, moving = self._gain * p.period, bool(np.max(np.abs(terms.v)) > p.still_speed)
         if before.started and not (touched or moving):
             # Filtered white noise of variance σ² differs from sample to sample by 2 σ² times what the filter lets pass.
@@ -242,9 +243,7 @@ class ModelErrorEstimator(LeafSystem):
             learned = self._learn(learned, before.lagged, r - hidden, before.time)
             status = LearningStatus.LIMITED if learned.limited else LearningStatus.LEARNING
         p_lagged = before.p_lagged if before.started else terms.p
-        return _Memory(
-            learned,
-            before.lagged + pass_[:, None] * (now.H - before.lagged),
-            p_lagged + pass_ * (terms.p - p_lagged),
-            *(r, noise, quiet, place, before.time + learning * p.period, True, status),
-        )
+        lagged = before.lagged + pass_[:, None] * (now.H - before.lagged)
+        p_lagged = p_lagged + pass_ * (terms.p - p_lagged)
+        time = before.time + learning * p.period
+        return _Memory(learned, lagged, p_lagged, r, noise, quiet, place, time, True, status)
