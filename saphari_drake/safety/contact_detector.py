@@ -78,7 +78,7 @@ class ContactDetector(LeafSystem):
     torque_uncertainty : n (Nm), of `ModelErrorEstimator`, by which the threshold is higher; optional, default: zero.
     torque_noise : n (Nm), measured standard deviation of the residual; optional, counts if above the parameter.
     contact_point : abstract `ContactPoint`, of `ContactLocalizer`; optional. While it is seen, the uncertainty does not
-        count for a release: somebody is there. No output depends on it.
+        count for a release, but for a drop: somebody is there. No output depends on it.
     contact : 1, 1 while touched, else 0.
     ratio : 1, the largest |r_i| over its threshold, or of the smoothed residual; not finite while an input is not.
     system_status : 1, a `SystemStatus`.
@@ -147,7 +147,7 @@ class ContactDetector(LeafSystem):
         params, ratio = self._params, self._ratio.Eval(context)
         remaining, largest = context.get_discrete_state(self._remaining).value()[:2]
         lasting = self._sized(context, 0.0) if remaining > 0.0 and self._seen(context) else ratio
-        released = lasting < max(params.release_ratio, min(params.drop_share * largest, 1.0))
+        released = lasting < params.release_ratio or ratio < min(params.drop_share * largest, 1.0)
         if not ratio < 1.0 or (remaining > 0.0 and not released):
             remaining = max(params.release_time, params.period)
         else:

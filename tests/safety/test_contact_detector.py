@@ -57,7 +57,8 @@ def test_what_may_be_friction_releases_unless_somebody_is_seen_there():
         contact = ContactPoint(found=True, link=3, distance=distance)
         bench.set(torque_uncertainty=np.zeros(7), contact_point=contact)
         bench.run(20, torque_external=joint(2.0))
-        bench.run(100, torque_external=joint(0.7), torque_uncertainty=np.ones(7))
+        bench.run(200, torque_uncertainty=np.ones(7))
+        bench.run(100, torque_external=joint(0.7))
         assert bench.read("contact") == lasts
         bench.run(20, contact_point=ContactPoint())
         assert bench.read("contact") == 0.0
