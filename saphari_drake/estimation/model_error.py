@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from saphari_drake.estimation.model_error_law import Learned, learn, prior, sensitivity
+from saphari_drake.estimation.model_error_law import Learned, counted, forgotten, learn, prior, sensitivity
 from saphari_drake.estimation.momentum_observer import discrete_gain
 from saphari_drake.messages import Immutable, status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
@@ -33,6 +33,11 @@ class ModelErrorParameters:
     offset: list[float] | float = 0.3
     # Nm (N); what friction at rest may hide of each joint is not learned: as a correction it would only shift friction.
     stiction: list[float] | float = 0.0
+    # rad (m); way of a joint over which its offset is forgotten, as friction and ripple change with it (0: never); less
+    # way than the second does not count. Nms/rad (Ns/m); friction that nobody knows grows with speed.
+    offset_way: float = 0.02
+    least_way: float = 0.001
+    viscous: float = 1.0
     # s; within which offsets may change, and what is known already is learned anew.
     drift_time: float = 20.0
     # Nm (N), standard deviation of the residual from cycle to cycle; from then on it is measured.
@@ -56,10 +61,11 @@ class ModelErrorParameters:
     period: float = 0.005
 
     def __post_init__(self) -> None:
-        require_non_negative(self, "mass", "tool_mass", "tool_offset", "offset", "stiction", "inertia")
+        names = "mass", "tool_mass", "tool_offset", "offset", "stiction", "offset_way", "viscous", "inertia"
+        require_non_negative(self, *names)
         require_positive(
-            self, "drift_time", "noise", "noise_time", "noise_limit", "multiple", "start_time", "suspicion",
-            "still_speed", "quiet_time", "period",
+            self, "least_way", "drift_time", "noise", "noise_time", "noise_limit", "multiple", "start_time",
+            "suspicion", "still_speed", "quiet_time", "period",
         )  # fmt: skip
 
 
@@ -80,6 +86,7 @@ class _Memory(Immutable):
     r: Array  # (n,) residual of the cycle before
     noise: Array  # (n,) its variance
     quiet: float  # s
+    place: Array  # (n,) joint positions up to which ways have been counted
     time: float = 0.0  # s, of learning
     started: bool = False
     status: LearningStatus = LearningStatus.LEARNING
@@ -132,10 +139,10 @@ class ModelErrorEstimator(LeafSystem):
     and an offset b a joint. θ and b are estimated by a Kalman filter whose prior are the parameters and which sees W
     through the observer's lag. A posture teaches one combination of θ; at another posture the rest of their covariance
     makes the uncertainty. Hence the uncertainty is large in the first moments, small where the arm has been at rest,
-    and grows on the way to where it has not.
+    and grows on the way to where it has not: there friction holds a joint the other way, and ripple is another.
 
-    Nobody may lean on the arm while it starts: what is no contact then is taken for a mistake of the model. Nor can
-    the arm tell a tool that it is given later from a contact.
+    Nobody may lean on the arm while it starts, or comes to rest elsewhere: what is no contact then is taken for a
+    mistake of the model. Nor can the arm tell a tool that it is given later from a contact.
     """
 
     def __init__(
@@ -147,26 +154,24 @@ class ModelErrorEstimator(LeafSystem):
         noise, offset, K_I = diagonal(p.noise, n, "noise"), diagonal(p.offset, n, "offset"), diagonal(gain, n, "gain")
         self._stiction = diagonal(p.stiction, n, "stiction")
         self._gain = discrete_gain(K_I, p.period)
-        start = prior(n, p.mass, p.tool_mass, p.tool_offset, offset)
+        self._forgetting = 2.0 / p.offset_way if p.offset_way > 0.0 else 0.0
+        self._offset, start = offset, prior(n, p.mass, p.tool_mass, p.tool_offset, offset)
         self._limits = p.multiple * np.sqrt(np.diag(start.covariance))
         # The residual is filtered: neighbouring samples are not independent.
         self._variance = noise**2 * (1.0 + 2.0 / (K_I * p.period))
-        self._drift = np.concatenate(
-            [np.zeros(n + 4), self._variance * (p.period / p.drift_time) ** 2 * (offset > 0.0)]
-        )
+        drift = (p.period / p.drift_time) ** 2 * (offset > 0.0) * self._variance
+        self._drift = np.concatenate([np.zeros(n + 4), drift])
         terms, zero = evaluate_dynamics(robot, robot.home, np.zeros(n)), np.zeros(n)
         self._dynamics = DynamicsInput(self, terms)
         self._residual = self.DeclareVectorInputPort("torque_external", BasicVector(n))
         self._contact = self.DeclareVectorInputPort("contact", BasicVector(1))
         H = sensitivity(terms.motion, self._tree)
         self._learn(start, H, zero)  # compiled before the first control step
-        memory = _Memory(start, 0.0 * H, zero, zero, noise**2, p.quiet_time)
+        memory = _Memory(start, 0.0 * H, zero, zero, noise**2, p.quiet_time, zero)
         self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
         state = self.abstract_state_ticket(self._memory)
-        tickets, first = (
-            {self._dynamics.ticket(), self._residual.ticket(), state},
-            _Estimate(terms, H, zero, zero, zero),
-        )
+        tickets = {self._dynamics.ticket(), self._residual.ticket(), state}
+        first = _Estimate(terms, H, zero, zero, zero)
         estimate = self._estimate = declare_cache(self, "estimate", first, self._evaluate, tickets)
         declare_outputs(self, estimate.Eval, estimate.ticket(), first, {"dynamics": lambda e: e.terms})
         readouts = {
@@ -203,7 +208,8 @@ class ModelErrorEstimator(LeafSystem):
         H = sensitivity(terms.motion, self._tree)
         bias, variance = H @ learned.theta, np.einsum("ij,jk,ik->i", H, learned.covariance, H)
         change = self._gain * (terms.p - memory.p_lagged) if memory.started else zero
-        unsure = p.multiple * np.sqrt(np.maximum(variance, 0.0)) + p.inertia * np.abs(change)
+        unsure = p.multiple * np.sqrt(np.maximum(variance, 0.0)) + p.viscous * np.abs(terms.v)
+        unsure = unsure + p.inertia * np.abs(change)
         return _Estimate(terms.with_gravity(terms.g - bias), H, r - memory.lagged @ learned.theta, bias, unsure)
 
     def _update(self, context: Context, state: State) -> None:
@@ -212,18 +218,20 @@ class ModelErrorEstimator(LeafSystem):
             contact = self._contact.Eval(context)[0] if self._contact.HasValue(context) else 0.0
             memory = self._after(before, now, np.array(r), not contact <= 0.5)
         else:  # the observer starts anew
-            memory = replace(
-                before, lagged=0.0 * before.lagged, quiet=0.0, started=False, status=LearningStatus.TOUCHED
-            )
+            status, unknown = LearningStatus.TOUCHED, 0.0 * before.lagged
+            memory = replace(before, lagged=unknown, quiet=0.0, started=False, status=status)
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
     def _after(self, before: _Memory, now: _Estimate, r: Array, touched: bool) -> _Memory:
-        p, terms, learned, noise = self._params, now.terms, before.learned, before.noise
+        p, terms, noise = self._params, now.terms, before.noise
+        place = counted(before.place, terms.q, p.least_way) if before.started else terms.q
+        ways = self._forgetting * np.abs(place - before.place) * before.started
+        learned = forgotten(before.learned, -np.expm1(-ways), self._offset)
         pass_, moving = self._gain * p.period, bool(np.max(np.abs(terms.v)) > p.still_speed)
         if before.started and not (touched or moving):
             # Filtered white noise of variance σ² differs from sample to sample by 2 σ² times what the filter lets pass.
-            share = p.period / p.noise_time
-            noise = np.minimum(noise + share * (0.5 * (r - before.r) ** 2 / pass_ - noise), p.noise_limit**2)
+            now_noise = 0.5 * (r - before.r) ** 2 / pass_
+            noise = np.minimum(noise + p.period / p.noise_time * (now_noise - noise), p.noise_limit**2)
         expected = now.uncertainty + np.maximum(p.suspicion, p.multiple * np.sqrt(noise))
         suspected = before.time > p.start_time and bool(np.any(np.abs(now.error) > expected))
         touched = touched or suspected
@@ -235,14 +243,7 @@ class ModelErrorEstimator(LeafSystem):
             learned = self._learn(learned, before.lagged, r - hidden, before.time)
             status = LearningStatus.LIMITED if learned.limited else LearningStatus.LEARNING
         p_lagged = before.p_lagged if before.started else terms.p
-        return _Memory(
-            learned,
-            before.lagged + pass_[:, None] * (now.H - before.lagged),
-            p_lagged + pass_ * (terms.p - p_lagged),
-            r,
-            noise,
-            quiet,
-            before.time + learning * p.period,
-            True,
-            status,
-        )
+        lagged = before.lagged + pass_[:, None] * (now.H - before.lagged)
+        p_lagged = p_lagged + pass_ * (terms.p - p_lagged)
+        time = before.time + learning * p.period
+        return _Memory(learned, lagged, p_lagged, r, noise, quiet, place, time, True, status)

@@ -40,6 +40,26 @@ def prior(n: int, mass: float, tool_mass: float, tool_offset: float, offset: Arr
     return Learned(np.zeros(2 * n + 4), np.diag(deviation**2))
 
 
+def counted(place: Array, q: Array, least: float) -> Array:
+    """Return the position (n,) up to which ways have been counted: it follows q (n,) at no less than `least` (rad)."""
+    return np.clip(place, q - least, q + least)
+
+
+def forgotten(learned: Learned, share: Array, offset: Array) -> Learned:
+    """Return the estimate with a share (n,) (0–1) of what is known of each offset lost, up to its prior (n,) (Nm).
+
+    The estimate stays the best guess. It keeps ρ = √(1 − share) of an offset's covariance with all others, and ρ² of
+    its own variance beside (1 − ρ²) of the prior's: what was learned of masses and offset together is lost too.
+    """
+    if not share.any():
+        return learned
+    n, k = len(share), len(learned.theta)
+    rho = np.concatenate([np.ones(k - n), np.sqrt(1.0 - share)])
+    P = learned.covariance * np.outer(rho, rho)
+    P[range(k - n, k), range(k - n, k)] += share * offset**2
+    return learned._replace(covariance=P)
+
+
 @njit(cache=True)
 def learn(learned: Learned, H: Array, r: Array, variance: Array, drift: Array, limits: Array) -> Learned:
     """Return the estimate after one more residual: a step of a Kalman filter, joint after joint.

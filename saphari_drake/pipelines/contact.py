@@ -192,7 +192,7 @@ def add_contact_pipeline(
         (p.model_error, "torque_uncertainty", p.detector),
         (p.model_error, "torque_noise", p.detector, p.localizer),
         (p.detector, "contact", p.model_error, p.monitor, p.localizer),
-        (p.localizer, "contact_point", p.monitor),
+        (p.localizer, "contact_point", p.monitor, p.detector),
         (p.localizer, "camera_status", p.frames),
         (p.localizer, "human_points", p.camera_check),
         (p.camera_check, "correction", p.localizer),

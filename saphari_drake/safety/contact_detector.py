@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import status_of
+from saphari_drake.messages import ContactPoint, status_of
 from saphari_drake.parameters import diagonal, require_non_negative, require_positive
 from saphari_drake.systems import cycle, declare_cache, declare_readouts
 
@@ -65,6 +66,7 @@ class ContactDetector(LeafSystem):
         - torque_external
         - torque_uncertainty
         - torque_noise
+        - contact_point
         output_ports:
         - ratio
         - system_status
@@ -75,6 +77,8 @@ class ContactDetector(LeafSystem):
     torque_external : n (Nm), the residual r, from `MomentumObserver` or, corrected, from `ModelErrorEstimator`.
     torque_uncertainty : n (Nm), of `ModelErrorEstimator`, by which the threshold is higher; optional, default: zero.
     torque_noise : n (Nm), measured standard deviation of the residual; optional, counts if above the parameter.
+    contact_point : abstract `ContactPoint`, of `ContactLocalizer`; optional. While it is seen, the uncertainty does not
+        count for a release, but for a drop: somebody is there. No output depends on it.
     contact : 1, 1 while touched, else 0.
     ratio : 1, the largest |r_i| over its threshold, or of the smoothed residual; not finite while an input is not.
     system_status : 1, a `SystemStatus`.
@@ -97,6 +101,8 @@ class ContactDetector(LeafSystem):
             self.DeclareVectorInputPort(name, BasicVector(num_joints))
             for name in ("torque_external", "torque_uncertainty", "torque_noise")
         )
+        inputs = {port.ticket() for port in (self._torque, self._uncertainty, self._noise)}
+        self._point = self.DeclareAbstractInputPort("contact_point", AbstractValue.Make(ContactPoint()))
         given = np.broadcast_to(np.asarray(params.smoothed_threshold, dtype=float), num_joints)
         self._smoothed_threshold, self._n = given.copy(), num_joints
         times = np.array([params.smoothing_time, MEAN_TIME, params.noise_time])
@@ -108,7 +114,7 @@ class ContactDetector(LeafSystem):
         self._remaining = self.DeclareDiscreteState(start)
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(params.period), update=self._update)
         state = self.discrete_state_ticket(self._remaining)
-        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, {self.all_input_ports_ticket(), state})
+        self._ratio = declare_cache(self, "ratio", 0.0, self._largest, inputs | {state})
         readouts = {"ratio": (1, lambda ratio: [ratio]), "system_status": (1, lambda ratio: [status_of(ratio)])}
         declare_readouts(self, self._ratio, readouts)
         tickets = {self._ratio.ticket(), state}
@@ -116,10 +122,13 @@ class ContactDetector(LeafSystem):
         declare_readouts(self, touched, {"contact": (1, lambda touched: [float(touched)])})
 
     def _largest(self, context: Context) -> float:
+        return self._sized(context, self._uncertainty.Eval(context) if self._uncertainty.HasValue(context) else 0.0)
+
+    def _sized(self, context: Context, unsure: Array | float) -> float:
+        """Return the ratio for an uncertainty (n,) or 0 (Nm)."""
         threshold, multiple = self._threshold, self._params.noise_multiple
         if self._noise.HasValue(context):
             threshold = np.maximum(threshold, multiple * self._noise.Eval(context))
-        unsure = self._uncertainty.Eval(context) if self._uncertainty.HasValue(context) else 0.0
         r = self._torque.Eval(context)
         smoothed, _, variance = self._calm(context)
         smoothed = smoothed + self._shares[0] * (r - smoothed)
@@ -137,7 +146,8 @@ class ContactDetector(LeafSystem):
     def _update(self, context: Context, state: State) -> None:
         params, ratio = self._params, self._ratio.Eval(context)
         remaining, largest = context.get_discrete_state(self._remaining).value()[:2]
-        released = ratio < max(params.release_ratio, min(params.drop_share * largest, 1.0))
+        lasting = self._sized(context, 0.0) if remaining > 0.0 and self._seen(context) else ratio
+        released = lasting < params.release_ratio or ratio < min(params.drop_share * largest, 1.0)
         if not ratio < 1.0 or (remaining > 0.0 and not released):
             remaining = max(params.release_time, params.period)
         else:
@@ -146,6 +156,11 @@ class ContactDetector(LeafSystem):
         largest = max(ratio, faded) if np.isfinite(ratio) else faded
         following = np.concatenate([[remaining, largest], self._following(context, remaining > 0.0).ravel()])
         state.get_mutable_discrete_state(self._remaining).SetFromVector(following)
+
+    def _seen(self, context: Context) -> bool:
+        """Whether a camera sees who touches; a contact that is hidden has no distance."""
+        point = self._point.Eval(context) if self._point.HasValue(context) else ContactPoint()
+        return bool(point.found and point.distance != 0.0)
 
     def _following(self, context: Context, touched: bool) -> Array:
         """Return what `_calm` returns a period later; a residual that is not finite is forgotten."""

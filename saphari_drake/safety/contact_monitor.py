@@ -100,7 +100,8 @@ class ContactMonitor(LeafSystem):
     contact_point : abstract `ContactPoint`, from `ContactLocalizer`.
     camera_status : 1, a `CameraStatus`.
     interaction : abstract `Interaction`.
-    active_contact : abstract `ContactPoint`, the one that is controlled; not found in other modes.
+    active_contact : abstract `ContactPoint`, the one that is touched (CONTACT); not found in other modes: what is felt
+        of nobody is no force.
     mode : 1, an `InteractionMode`.
     system_status : 1, a `SystemStatus`. What is not finite is a camera lost, a touch felt, or a point not seen.
 
@@ -124,7 +125,7 @@ class ContactMonitor(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(**cycle(self._params.period), update=self._update)
         state, inputs = {self.abstract_state_ticket(self._memory)}, {self.all_input_ports_ticket()}
         decision = declare_cache(self, "interaction", start, self._interaction, state)
-        reads = {"interaction": lambda decided: decided, "active_contact": lambda decided: decided.contact}
+        reads = {"interaction": lambda decided: decided, "active_contact": _touched}
         declare_outputs(self, decision.Eval, decision.ticket(), start, reads)
         declare_readouts(self, decision, {"mode": (1, lambda interaction: [float(interaction.mode)])})
         status = declare_cache(self, "status", SystemStatus.OK, self._status, inputs)
@@ -223,3 +224,7 @@ class ContactMonitor(LeafSystem):
 
 def _world(terms: DynamicsTerms, contact: ContactPoint) -> Array:
     return terms.position(contact.link, contact.p_LC)
+
+
+def _touched(decided: Interaction) -> ContactPoint:
+    return decided.contact if decided.mode == InteractionMode.CONTACT else ContactPoint()

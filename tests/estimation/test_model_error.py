@@ -49,6 +49,31 @@ def test_the_uncertainty_grows_on_the_way_to_another_posture(lwr4):
     assert np.max(bench.read("torque_uncertainty") - here) > 0.3
 
 
+def test_a_joint_that_has_moved_is_unsure_of_its_friction_until_it_has_learned_anew(lwr4):
+    bench = Estimator(lwr4, mass=0.0, tool_mass=0.0)
+    bench.feel(np.full(7, 0.2), 200)
+    here = bench.read("torque_uncertainty")
+    bench.set(dynamics=bench.at(0.0009), contact=1.0)
+    bench.feel(np.full(7, 0.2), 2)
+    np.testing.assert_array_equal(bench.read("torque_uncertainty"), here)
+    for bent in (0.03, 0.06, 0.0):
+        bench.set(dynamics=bench.at(bent))
+        bench.feel(np.full(7, 0.2), 2)
+    assert np.all(bench.read("torque_uncertainty") > 0.85) and np.all(here < 0.2)
+    bench.set(dynamics=bench.at(0.0), contact=0.0)
+    bench.feel(np.full(7, -0.2), 100)
+    assert np.all(bench.read("torque_uncertainty") < 0.5)
+    np.testing.assert_allclose(bench.read("torque_external"), 0.0, atol=0.1)
+
+
+def test_friction_that_nobody_knows_may_grow_with_speed(lwr4):
+    bench = Estimator(lwr4)
+    bench.feel(0.0 * BIAS, 200)
+    here = bench.read("torque_uncertainty")
+    bench.set(dynamics=bench.at(0.0, 0.05))
+    assert np.all(bench.read("torque_uncertainty") - here > 0.049)
+
+
 def test_touched_it_learns_nothing(lwr4):
     """Neither while a contact is felt, nor for a moment after, nor while one is suspected."""
     bench = Estimator(lwr4)

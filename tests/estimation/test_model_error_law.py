@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saphari_drake.estimation.model_error_law import learn, prior, sensitivity
+from saphari_drake.estimation.model_error_law import counted, forgotten, learn, prior, sensitivity
 from saphari_drake.robots.dynamics import evaluate_dynamics
 
 
@@ -59,3 +59,30 @@ def test_without_a_prior_nothing_is_learned(lwr4):
     start = prior(7, 0.0, 0.0, 0.0, np.zeros(7))
     now = learn(start, H_at(lwr4, lwr4.home), np.ones(7), np.full(7, 0.01), np.zeros(18), np.zeros(18))
     np.testing.assert_array_equal(now.theta, 0.0)
+
+
+def test_what_is_forgotten_of_an_offset_is_learned_as_fast_as_at_first(lwr4):
+    start, limits, drift = setup(lwr4)
+    H, variance, r = H_at(lwr4, lwr4.home), np.full(7, 0.01), np.full(7, 0.2)
+    now = start
+    for _ in range(100):
+        now = learn(now, H, r, variance, drift, limits)
+    lost = forgotten(now, np.ones(7), np.full(7, 0.3))
+    np.testing.assert_array_equal(lost.theta, now.theta)
+    np.testing.assert_allclose(lost.covariance[11:, 11:], 0.09 * np.eye(7))
+    np.testing.assert_array_equal(lost.covariance[11:, :11], 0.0)
+    deviation = lambda of: np.sqrt(np.diag(H @ of.covariance @ H.T))  # noqa: E731
+    assert np.all(deviation(now) < 0.05) and np.all(deviation(lost) > 0.299)
+    assert np.linalg.eigvalsh(forgotten(now, np.full(7, 0.4), np.full(7, 0.3)).covariance)[0] > -1e-12
+    again = learn(lost, H, r + 0.2, variance, drift, limits)
+    assert np.all(H @ (again.theta - now.theta) > 0.15)
+    stands = forgotten(now, np.zeros(7), np.full(7, 0.3))
+    np.testing.assert_array_equal(stands.covariance, now.covariance)
+
+
+def test_flicker_is_no_way():
+    q, place = np.zeros(1), np.zeros(1)
+    for k in range(100):
+        place = counted(place, q + 0.0009 * (-1.0) ** k, 0.001)
+    assert place[0] == 0.0
+    assert counted(place, np.array([0.5]), 0.001)[0] == 0.499

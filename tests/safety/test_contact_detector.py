@@ -5,7 +5,7 @@ import pytest
 from bench import PERIOD, Bench
 
 from saphari_drake.errors import ParameterError
-from saphari_drake.messages import SystemStatus
+from saphari_drake.messages import ContactPoint, SystemStatus
 from saphari_drake.safety.contact_detector import ContactDetector, ContactDetectorParameters, residual_noise
 
 
@@ -48,6 +48,20 @@ def test_stays_between_release_level_and_threshold():
     bench.run(torque_external=joint(1.0))
     bench.run(100, torque_external=joint(0.5))
     assert bench.read("contact") == 1.0
+
+
+def test_what_may_be_friction_releases_unless_somebody_is_seen_there():
+    """0.7 Nm of 1 Nm, where friction may be 1 Nm: a hidden touch ends, one that is seen does not."""
+    for distance, lasts in ((0.004, 1.0), (0.0, 0.0)):
+        bench = detector(threshold=1.0, release_ratio=0.5)
+        contact = ContactPoint(found=True, link=3, distance=distance)
+        bench.set(torque_uncertainty=np.zeros(7), contact_point=contact)
+        bench.run(20, torque_external=joint(2.0))
+        bench.run(200, torque_uncertainty=np.ones(7))
+        bench.run(100, torque_external=joint(0.7))
+        assert bench.read("contact") == lasts
+        bench.run(20, contact_point=ContactPoint())
+        assert bench.read("contact") == 0.0
 
 
 @pytest.mark.parametrize("release_time", [0.05, 0.02])

@@ -153,8 +153,13 @@ def test_contact_that_is_no_longer_seen_goes_on_where_it_was(touched):
 
 def test_release_returns_to_the_latched_posture(returning, lwr4):
     np.testing.assert_array_equal(returning.interaction.q_latched, lwr4.home)
-    assert returning.interaction.onset == 1
-    assert returning.read("active_contact").found
+    assert returning.interaction.onset == 1 and returning.interaction.contact.found
+
+
+def test_of_a_released_contact_no_force_is_asked(touched):
+    assert touched.read("active_contact").found
+    assert touched.after(touched=0.0, point=NOTHING) == RETURN
+    assert not touched.read("active_contact").found
 
 
 def test_return_ends_when_the_point_has_settled(returning, lwr4):

@@ -38,7 +38,8 @@ class TouchParameters:
     # s; the control cycle: that of the deliverable's contact experiments.
     period: float = 0.005
     observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
-    model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
+    # No camera sees who holds the arm: what it feels on its way is not taken for friction.
+    model_error: ModelErrorParameters = field(default_factory=lambda: ModelErrorParameters(offset_way=0.0, viscous=0.0))
     detector: ContactDetectorParameters = field(default_factory=ContactDetectorParameters)
     force: ContactForceParameters = field(default_factory=ContactForceParameters)
     monitor: ContactMonitorParameters = field(default_factory=ContactMonitorParameters)

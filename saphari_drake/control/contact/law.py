@@ -40,6 +40,7 @@ class ImpedanceGains(NamedTuple):
     max_effective_mass: float  # kg
     least_effective_mass: float = 0.0  # kg
     least_damping: float = 0.0  # ratio
+    return_torque: float | Array = np.inf  # Nm (N)
 
 
 def eased(Lambda: Array, K: Array, least: float) -> Array:
@@ -88,9 +89,9 @@ def contact_impedance_torque(
     Corrected: the null-space projector is P_c = I − J_{c,M}^# J_c (printed P).
 
     Added: `misfit_torque`; a large M_d turns the misfit into a wrong deflection. Where nobody touches any more, the
-    residual is friction and what the model lacks: with a desired inertia all of it is cancelled and nothing shaped, so
-    that the contact returns to where it was. Self-motion goes back as well, critically damped by K_N: near a
-    singularity of the contact it is what moves it.
+    residual is friction and what the model lacks: all of it is cancelled, up to a bound, and nothing shaped, so that
+    the contact returns to where it was. At rest this is an integral: what friction holds is added, until it gives way.
+    Self-motion goes back as well, critically damped by K_N: near a singularity of the contact it is what moves it.
 
     Parameters
     ----------
@@ -114,14 +115,16 @@ def contact_impedance_torque(
         K_d = damped(Lambda, K_p, K_d, gains.least_damping)
         K_p, K_d = (eased(Lambda, K, gains.least_effective_mass) for K in (K_p, K_d))
     spring = K_p @ (p_desired - point.p_WC) - K_d @ point.v_WC
-    if gains.M_d_inv is None:
-        task, force = J.T @ (spring - Lambda @ point.Jdotv_WC), np.zeros(len(terms.q))
-    else:
+    force = np.zeros(len(terms.q))
+    if gains.M_d_inv is not None:
         shaping = Lambda @ gains.M_d_inv
-        task = J.T @ (shaping @ spring - Lambda @ point.Jdotv_WC)
-        force = J.T @ (shaping @ F - F) if touched else -J.T @ F
-    shaped_return = gains.M_d_inv is not None and not touched
-    compensation = -misfit if shaped_return else misfit_torque(misfit, F, gains.misfit_lever)
+        spring = shaping @ spring
+        force = J.T @ (shaping @ F - F) if touched else force
+    task = J.T @ (spring - Lambda @ point.Jdotv_WC)
+    if touched:
+        compensation = misfit_torque(misfit, F, gains.misfit_lever)
+    else:
+        compensation = -np.clip(misfit + J.T @ F, -gains.return_torque, gains.return_torque)
     away = 0.0 * terms.q if q_return is None else terms.q - q_return
     null_space = -terms.M @ (P_c @ (gains.K_N * (terms.v + 0.25 * gains.K_N * away)))
     return TorqueTerms(task, force, compensation, null_space, terms.Cv, terms.g, 0.0 * terms.g)

@@ -31,6 +31,9 @@ class ContactImpedanceParameters:
     misfit_lever: float = 0.03
     # Share of the identified friction that is compensated; below 1, lest a joint be driven by a mistake. Assumed.
     friction_share: float = 0.9
+    # Nm (N); on the way back the residual, which nobody causes, is cancelled up to this: no more than what a contact is
+    # felt by. One value or one a joint. 0: none, as published. Assumed.
+    return_torque: list[float] | float = 1.0
     # kg, bound of the effective mass near singular directions of the contact. Assumed.
     max_effective_mass: float = 100.0
     # kg, the same with the natural inertia, which is not shaped: a contact that is heavier moves by self-motion, and
@@ -47,7 +50,7 @@ class ContactImpedanceParameters:
 
     def __post_init__(self) -> None:
         _check_gains(self, "K_p", "K_d")
-        require_non_negative(self, "least_damping")
+        require_non_negative(self, "least_damping", "return_torque")
         require_positive(self, "max_natural_mass")
 
 

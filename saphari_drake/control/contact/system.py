@@ -168,7 +168,8 @@ class ContactImpedanceController(ContactController):
         K_p, K_d = (np.diag(diagonal(getattr(params, name), 3, name)) for name in ("K_p", "K_d"))
         heaviest = params.max_natural_mass if self._M_d_inv is None else params.max_effective_mass
         masses = params.misfit_lever, heaviest, params.least_effective_mass, params.least_damping
-        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, *masses)
+        bound = np.broadcast_to(params.return_torque, robot.n)
+        self.gains = law.ImpedanceGains(K_p, K_d, self._M_d_inv, self._K_N, *masses, bound)
 
     def _answer(self, context: Context, point: PointKinematics | None, idle: ContactOutput) -> ContactOutput:
         now: Interaction = self._interaction.Eval(context)

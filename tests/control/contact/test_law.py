@@ -126,6 +126,22 @@ def test_on_the_way_back_self_motion_returns_too_and_the_contact_does_not_feel_i
 
 
 @pytest.mark.parametrize("M_d", INERTIAS)
+def test_on_the_way_back_the_residual_is_cancelled_up_to_a_bound_and_under_a_touch_it_is_not(lwr4, M_d):
+    law, r = gains(M_d)._replace(return_torque=1.0), np.array([0.4, -0.9, 3.0, -5.0, 0.0, 0.2, 1.0])
+    for link, p_LC, terms, _, e in samples(lwr4, [3, 6], 20):
+        point, none = terms.point(link, p_LC), np.zeros(7)
+        F = np.array([1.0, -2.0, 0.5])
+        given = r - point.Jv_WC.T @ F
+        told, free = (
+            contact_impedance_torque(terms, point, point.p_WC - e, *felt, law, terms.q)
+            for felt in ((F, given), (np.zeros(3), none))
+        )
+        np.testing.assert_allclose(told.total() - free.total(), -np.clip(r, -1.0, 1.0), atol=1e-9)
+        touched = contact_impedance_torque(terms, point, point.p_WC - e, F, given, law)
+        assert np.all(np.abs(touched.misfit) <= law.misfit_lever * np.linalg.norm(F) + 1e-12)
+
+
+@pytest.mark.parametrize("M_d", INERTIAS)
 def test_steady_push_at_a_point_seen_wrongly(lwr4, M_d):
     """With the misfit within its lever arm the arm still rests where K_p (x − x_d) = F̂; without it, it drifts."""
     compensated = 0

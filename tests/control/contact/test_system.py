@@ -100,8 +100,8 @@ def test_contact_answers_with_the_law_at_the_latched_point(moving, lwr4):
 
 
 def test_return_is_the_same_law_as_contact_for_the_contact(moving):
-    """Beside it, self-motion goes back to the latched posture."""
-    back, touched = moving(RETURN), moving(CONTACT)
+    """Beside it, self-motion goes back to the latched posture, and nothing is cancelled where nothing may be."""
+    back, touched = moving(RETURN, return_torque=0.0, misfit_lever=0.0), moving(CONTACT, misfit_lever=0.0)
     d, contact = evaluate_dynamics(back.robot, back.q, back.v), back.mode(RETURN).contact
     J = d.point(contact.link, contact.p_LC).Jv_WC
     pull = np.linalg.solve(d.M, back.torque - touched.torque)
