@@ -1,11 +1,11 @@
 """Stands behind the encoders: passes on what can be true."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, State
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem, State
 
 from saphari_drake.messages import Immutable, SystemStatus
 from saphari_drake.robots.model import RobotModel
@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class _Memory(Immutable):
     joints: Joints
-    torques: tuple[Array, Array]  # expected and measured, in the middle of the period
     left: int = 0  # periods until what is consistent is believed
     joint: int = -1
 
@@ -56,10 +55,11 @@ class JointCheck(LeafSystem):
         move it rightly; BAD_INPUT while a position is not finite.
 
     Torques are sampled in the middle of the period: where it begins, one of two faster systems may have gone on already
-    and the other one not. Law: `judged`. NaN is what all that follows has a safe answer to. A joint is believed again
-    when all has been consistent for `recovery_time`. What it cannot see: an encoder that stops while its joint stands,
-    until the joint has moved by the tolerance, and without a second encoder not even then; a drive that errs by less
-    than its tolerance; both encoders failing alike. An optional value that is not finite counts as none.
+    and the other one not. That is a discrete update, which lets the outputs be, and all that is evaluated from them.
+    Law: `judged`. NaN is what all that follows has a safe answer to. A joint is believed again when all has been
+    consistent for `recovery_time`. What it cannot see: an encoder that stops while its joint stands, until the joint
+    has moved by the tolerance, and without a second encoder not even then; a drive that errs by less than its
+    tolerance; both encoders failing alike. An optional value that is not finite counts as none.
     """
 
     def __init__(self, robot: RobotModel, params: JointCheckParameters | None = None) -> None:
@@ -69,8 +69,9 @@ class JointCheck(LeafSystem):
         names = ("position_measured", "velocity_measured", "position_second", "torque_measured", "torque_expected")
         ports = [self.DeclareVectorInputPort(name, BasicVector(n)) for name in names]
         self._position, self._velocity, self._second, self._measured, self._expected = ports
-        memory = _Memory(unknown(n), (self._nan, self._nan))
+        memory = _Memory(unknown(n))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(memory))
+        self._torques = self.DeclareDiscreteState(np.tile(self._nan, 2))  # expected, then measured
         state = self.abstract_state_ticket(self._memory)
         judged(self._limits, memory.joints, robot.home, self._nan)  # compiles
         remembered(self._limits, memory.joints, robot.home, self._nan, self._nan)
@@ -93,7 +94,7 @@ class JointCheck(LeafSystem):
             )
         period, begin = cycle(params.period).values()
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, begin, self._update)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, begin - 0.5 * period, self._sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, begin - 0.5 * period, self._sample)
 
     def _remembered(self, context: Context) -> _Memory:
         memory: _Memory = context.get_abstract_state(int(self._memory)).get_value()
@@ -122,14 +123,14 @@ class JointCheck(LeafSystem):
 
     def _update(self, context: Context, state: State) -> None:
         memory, verdict = self._remembered(context), self._verdict.Eval(context)
-        joints = Joints(*remembered(self._limits, memory.joints, self._position.Eval(context), *memory.torques))
+        torques = np.array(context.get_discrete_state(self._torques).value()).reshape(2, -1)
+        joints = Joints(*remembered(self._limits, memory.joints, self._position.Eval(context), *torques))
         left = max(memory.left - 1, 0)
         if verdict.status not in (JointCheckStatus.OK, JointCheckStatus.RECOVERING):
             left = self._limits.recovery
-        memory = _Memory(joints, memory.torques, left, verdict.joint)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+        following = _Memory(joints, left, verdict.joint)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(following)
 
-    def _sample(self, context: Context, state: State) -> None:
-        expected, measured = (np.array(self._given(context, port)) for port in (self._expected, self._measured))
-        memory = replace(self._remembered(context), torques=(expected, measured))
-        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+    def _sample(self, context: Context, values: DiscreteValues) -> None:
+        torques = [self._given(context, port) for port in (self._expected, self._measured)]
+        values.set_value(self._torques, np.concatenate(torques))

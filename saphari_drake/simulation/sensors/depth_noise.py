@@ -88,7 +88,9 @@ def add_kinect_noise(
     rows, cols = depth.shape
     key = rng.integers(0, 2**64, dtype=np.uint64)
     coarse = rng.standard_normal((int(rows / params.correlation_length) + 2, int(cols / params.correlation_length) + 2))
-    return noisy_image(depth, key, coarse, _noise(params, camera))
+    image = depth.view()
+    image.flags.writeable = False  # as images have it: one kernel for all
+    return noisy_image(image, key, coarse, _noise(params, camera))
 
 
 def _noise(params: DepthNoiseParameters, camera: CameraParameters) -> Noise:
@@ -183,7 +185,6 @@ class DepthCameraSampler(LeafSystem):
         self._camera = camera
         self._params = params = params or SamplerParameters()
         empty = np.zeros((camera.height, camera.width), dtype=np.float32)
-        empty.flags.writeable = False  # as images have it
         add_kinect_noise(empty, np.random.default_rng(0), params.noise, camera)  # compiles
         image = ImageDepth32F(camera.width, camera.height)
         self._input = self.DeclareAbstractInputPort("depth_image", Value[ImageDepth32F](image))

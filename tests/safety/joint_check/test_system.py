@@ -95,3 +95,29 @@ def test_a_drive_whose_torque_jumps_just_before_the_expected_one_is_sound(lwr4):
     for k in range(1, 150):
         simulator.AdvanceTo(k * PERIOD + 2e-6)
         assert check.GetOutputPort("status").Eval(context)[0] == JointCheckStatus.OK
+
+
+def test_the_torques_in_the_middle_of_a_period_let_the_outputs_be(lwr4):
+    """Dynamics, observer and controllers stand behind them, and would be evaluated twice a period."""
+    builder = DiagramBuilder()
+    check = builder.AddSystem(JointCheck(lwr4, JointCheckParameters(period=PERIOD)))
+    times = []
+
+    def seen(context, output):
+        times.append(context.get_time())
+        output.SetFromVector(position.Eval(context))
+
+    behind = LeafSystem()
+    position = behind.DeclareVectorInputPort("u", BasicVector(7))
+    behind.DeclareVectorOutputPort("y", BasicVector(7), seen, prerequisites_of_calc={position.ticket()})
+    builder.AddSystem(behind)
+    builder.Connect(check.GetOutputPort("position_checked"), position)
+    simulator = Simulator(builder.Build())
+    context = simulator.get_context()
+    given = {"position_measured": lwr4.home, "velocity_measured": np.zeros(7), "torque_measured": np.ones(7)}
+    for name, value in given.items():
+        check.GetInputPort(name).FixValue(check.GetMyMutableContextFromRoot(simulator.get_mutable_context()), value)
+    for k in range(1, 40):
+        simulator.AdvanceTo(0.25 * k * PERIOD + 2e-6)
+        behind.GetOutputPort("y").Eval(behind.GetMyContextFromRoot(context))
+    assert len(times) == 10

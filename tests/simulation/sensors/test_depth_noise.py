@@ -14,6 +14,7 @@ from saphari_drake.simulation.sensors.depth_noise import (
     SamplerParameters,
     add_kinect_noise,
 )
+from saphari_drake.simulation.sensors.depth_noise_kernels import noisy_image
 
 CAMERA = CameraParameters(width=160, height=120)
 PLAIN = DepthNoiseParameters(edge_missing=0.0, edge_flying=0.0, shadow=False)
@@ -225,3 +226,13 @@ def test_bad_sampler_parameters_are_named():
         assert error.value.field == field
     with pytest.raises(UnknownNameError, match="silent"):
         SamplerParameters(fault="quiet")
+
+
+def test_an_image_that_may_not_be_written_to_is_measured_alike_by_the_same_kernel():
+    exact = flat(1.5)
+    fixed = exact.copy()
+    fixed.flags.writeable = False
+    mine = add_kinect_noise(exact, np.random.default_rng(0), PLAIN)
+    kernels = len(noisy_image.signatures)
+    np.testing.assert_array_equal(add_kinect_noise(fixed, np.random.default_rng(0), PLAIN), mine)
+    assert exact.flags.writeable and len(noisy_image.signatures) == kernels
