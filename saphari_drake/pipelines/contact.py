@@ -14,7 +14,7 @@ from saphari_drake.control.contact.system import ContactImpedanceController
 from saphari_drake.estimation.contact_force import ContactForceEstimator, ContactForceParameters
 from saphari_drake.estimation.model_error import ModelErrorEstimator, ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserver, MomentumObserverParameters
-from saphari_drake.parameters import diagonal, require_positive, share_period
+from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.check_parameters import CameraCheckParameters
 from saphari_drake.perception.camera.check_system import CameraCheck, CheckScheduleParameters
 from saphari_drake.perception.camera.frame_check import FrameCheckParameters
@@ -22,6 +22,7 @@ from saphari_drake.perception.camera.frame_check_system import FrameCheck
 from saphari_drake.perception.camera.model import CameraParameters
 from saphari_drake.perception.contact.localizer import ContactLocalizer
 from saphari_drake.perception.contact.parameters import FusionParameters, LocalizerParameters
+from saphari_drake.pipelines.contact_detection import add_contact_detection
 from saphari_drake.pipelines.envelope import JointState, JointWitness, add_joint_check, add_joint_envelope
 from saphari_drake.robots.dynamics import RobotDynamics
 from saphari_drake.robots.model import RobotModel
@@ -136,14 +137,14 @@ def add_contact_pipeline(
     joints = JointState(measured.position, measured.velocity)
     checked = add_joint_check(builder, robot, joints, params.check, measured.witness)
     torque_external, held = observer.GetOutputPort("torque_external"), checked.state
+    model_error, detector = add_contact_detection(
+        builder, robot, observer, params.observer, params.model_error, params.detector
+    )
     p = ContactPipeline(
         dynamics=add("dynamics", RobotDynamics(robot)),
         observer=observer,
-        model_error=add(
-            "model_error",
-            ModelErrorEstimator(robot, _model_error(robot, params), list(params.observer.bandwidth * np.ones(robot.n))),
-        ),
-        detector=add("contact_detector", ContactDetector(robot.n, _detector(robot, params))),
+        model_error=model_error,
+        detector=detector,
         localizer=add(
             "contact_localizer",
             ContactLocalizer(
@@ -183,15 +184,13 @@ def add_contact_pipeline(
     connect(
         builder,
         (p.dynamics, "dynamics", p.observer, p.model_error),
-        (p.observer, "torque_external", p.model_error),
         (p.observer, "friction_uncertainty", p.force),
         (p.observer, "friction_torque", p.controller),
         # The model corrected by what was learned, from here on.
         (p.model_error, "dynamics", p.monitor, p.force, p.controller, p.switch),
-        (p.model_error, "torque_external", p.detector, p.force, p.localizer),
-        (p.model_error, "torque_uncertainty", p.detector),
-        (p.model_error, "torque_noise", p.detector, p.localizer),
-        (p.detector, "contact", p.model_error, p.monitor, p.localizer),
+        (p.model_error, "torque_external", p.force, p.localizer),
+        (p.model_error, "torque_noise", p.localizer),
+        (p.detector, "contact", p.monitor, p.localizer),
         (p.localizer, "contact_point", p.monitor, p.detector),
         (p.localizer, "camera_status", p.frames),
         (p.localizer, "human_points", p.camera_check),
@@ -208,22 +207,6 @@ def add_contact_pipeline(
             builder, (p.force, "unobservable_directions", p.controller), (p.switch, "transition_left", p.controller)
         )
     return p
-
-
-def _detector(robot: RobotModel, params: ContactPipelineParameters) -> ContactDetectorParameters:
-    """Return the detector's parameters, with thresholds above what the friction may be wrong by."""
-    friction, n = params.observer.friction, robot.n
-    wrong = friction.uncertainty * diagonal(friction.coulomb, n, "coulomb")
-    own = diagonal(params.detector.threshold, n, "threshold") + wrong
-    smoothed = params.detector.smoothed_threshold + wrong
-    return replace(params.detector, threshold=own.tolist(), smoothed_threshold=smoothed.tolist())
-
-
-def _model_error(robot: RobotModel, params: ContactPipelineParameters) -> ModelErrorParameters:
-    """Return its parameters; at rest friction is anywhere between both directions, whatever the observer remembers."""
-    dry = 2.0 * diagonal(params.observer.friction.coulomb, robot.n, "coulomb")
-    own = diagonal(params.model_error.stiction, robot.n, "stiction")
-    return replace(params.model_error, stiction=np.maximum(own, dry).tolist())
 
 
 def _controller(

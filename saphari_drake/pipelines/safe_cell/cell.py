@@ -98,8 +98,9 @@ def add_safe_cell(
         checked.close(builder, envelope.GetOutputPort("torque_acting"), witness)
     connect(
         builder,
-        (dynamics, "dynamics", job.path, job.separation, job.force_limit, contact.observer, contact.monitor,
-         contact.force, contact.controller, guiding.wrist, guiding.controller, switch),
+        (dynamics, "dynamics", job.path, job.separation, job.force_limit, contact.observer, contact.model_error,
+         guiding.wrist),
+        (contact.model_error, "dynamics", guiding.controller, switch),
         (supervisor, "speed_limit", job.path, job.scaled),
         (supervisor, "source", choice),
         (supervisor, "selection", switch),

@@ -13,6 +13,7 @@ from saphari_drake.control.hand_guiding.parameters import HandGuidingParameters
 from saphari_drake.control.joint_servo import JointServoParameters
 from saphari_drake.control.nmpc.parameters import NmpcParameters, TestPoint
 from saphari_drake.estimation.contact_force import ContactForceParameters
+from saphari_drake.estimation.model_error import ModelErrorParameters
 from saphari_drake.estimation.momentum_observer import MomentumObserverParameters
 from saphari_drake.parameters import require_positive, share_period
 from saphari_drake.perception.camera.model import CameraParameters
@@ -61,6 +62,7 @@ class SafeCellParameters:
     supervisor: SupervisorParameters = field(default_factory=SupervisorParameters)
     signals: CellSignalParameters = field(default_factory=CellSignalParameters)
     observer: MomentumObserverParameters = field(default_factory=MomentumObserverParameters)
+    model_error: ModelErrorParameters = field(default_factory=ModelErrorParameters)
     # Above what the arm's own motion and its rounded model leave. Assumed.
     detector: ContactDetectorParameters = field(default_factory=lambda: ContactDetectorParameters(threshold=1.5))
     localizer: LocalizerParameters = field(default_factory=LocalizerParameters)
@@ -94,7 +96,7 @@ class SafeCellParameters:
         self.verified_stop.person_speed = self.separation.person_speed
         for part in (self.signals, self.supervisor, self.skin, self.wrist, self.guiding, self.switch, self.tracker):
             part.period = self.period
-        share_period(self, "observer", "detector", "monitor", "contact")
+        share_period(self, "observer", "model_error", "detector", "monitor", "contact")
         self.guiding.tip_frame, self.guiding.tip_point = self.wrist.tip_frame, list(self.wrist.tip_point)
 
 

@@ -12,6 +12,7 @@ from saphari_drake.control.joint_servo import JointVelocityServo
 from saphari_drake.control.nmpc.system import NmpcController
 from saphari_drake.estimation.contact_force import ContactForceEstimator
 from saphari_drake.estimation.joint_acceleration import JointAcceleration
+from saphari_drake.estimation.model_error import ModelErrorEstimator
 from saphari_drake.estimation.momentum_observer import MomentumObserver
 from saphari_drake.estimation.torque_window import TorqueWindow
 from saphari_drake.perception.contact.localizer import ContactLocalizer
@@ -19,6 +20,7 @@ from saphari_drake.perception.obstacles.merge import MergedObstacles
 from saphari_drake.perception.obstacles.tracker import ObstacleTracker
 from saphari_drake.perception.skin.estimator import SkinEstimator
 from saphari_drake.perception.wrench.estimator import WristWrenchEstimator
+from saphari_drake.pipelines.contact_detection import add_contact_detection
 from saphari_drake.pipelines.safe_cell.job_path import JobPath
 from saphari_drake.pipelines.safe_cell.parameters import CellMeasurements, CellSetup, SafeCellParameters
 from saphari_drake.pipelines.safe_cell.signals import (
@@ -110,6 +112,7 @@ class ContactParts(NamedTuple):
 
     observer: MomentumObserver
     window: TorqueWindow
+    model_error: ModelErrorEstimator
     detector: ContactDetector
     localizer: ContactLocalizer
     monitor: ContactMonitor
@@ -127,10 +130,11 @@ def add_contact(
     )
     # The window tells the observer just what changes a difference of positions: no delay is left to tell.
     differenced, exact = params.observer.velocity_delay > 0.0, replace(params.observer, velocity_delay=0.0)
+    observer = add("momentum_observer", MomentumObserver(robot, exact))
     parts = ContactParts(
-        add("momentum_observer", MomentumObserver(robot, exact)),
+        observer,
         add("torque_window", TorqueWindow(robot.n, params.envelope.period, params.period, differenced)),
-        add("contact_detector", ContactDetector(robot.n, params.detector)),
+        *add_contact_detection(builder, robot, observer, exact, params.model_error, params.detector),
         add("contact_localizer", localizer),
         add("contact_monitor", ContactMonitor(robot, params.monitor)),
         add("contact_force", ContactForceEstimator(robot, params.force)),
@@ -138,11 +142,13 @@ def add_contact(
     )
     connect(
         builder,
-        (parts.observer, "torque_external", parts.detector, parts.force, parts.localizer),
+        (parts.model_error, "dynamics", parts.monitor, parts.force, parts.controller),
+        (parts.model_error, "torque_external", parts.force, parts.localizer),
+        (parts.model_error, "torque_noise", parts.localizer),
         (parts.observer, "friction_uncertainty", parts.force),
         (parts.observer, "friction_torque", parts.controller),
-        (parts.detector, "contact", parts.monitor),
-        (parts.localizer, "contact_point", parts.monitor),
+        (parts.detector, "contact", parts.monitor, parts.localizer),
+        (parts.localizer, "contact_point", parts.monitor, parts.detector),
         (parts.localizer, "camera_status", parts.monitor),
         (parts.monitor, "interaction", parts.controller),
         (parts.force, "contact_force", parts.controller),
