@@ -20,7 +20,7 @@ from saphari_drake.simulation.runner.quick import shorten
 from saphari_drake.simulation.runner.results import Outcome
 from saphari_drake.simulation.runner.simulation import RunOptions
 
-# N, N and Nm; what of a platform of 250 kg counts as a touch: a fifth of its drives, whose friction hides less. Assumed.
+# N, N and Nm; what of a platform of 250 kg counts as a touch: a fifth of what its drives give. Assumed.
 PLATFORM_THRESHOLD = (300.0, 300.0, 120.0)
 CASES = {"fixed": "a LWR4 on a fixed base", "mobile": "the omniRob with its arm"}
 
