@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform
 
 from saphari_drake.errors import UnknownNameError
@@ -44,6 +44,25 @@ _HOME = {
 }
 
 
+# Nm and Nms/rad, friction reported for the joints of the LWR4, and the torque limits (Nm) of those joints.
+REPORTED = {
+    "coulomb": [11.9, 11.5, 8.98, 8.35, 8.31, 4.72, 6.04],
+    "viscous": [14.4, 15.3, 6.55, 11.0, 4.29, 2.26, 1.6],
+}
+_TORQUE = [176.0, 176.0, 100.0, 100.0, 100.0, 38.0, 38.0]
+
+
+def reported_friction(robot: RobotModel, name: str) -> NDArray[np.float64]:
+    """Return the "coulomb" or "viscous" friction of the shipped LWR4, or as large a mean share of another's limits."""
+    if robot.path == _file("lwr4") and robot.n == len(_TORQUE):
+        return np.array(REPORTED[name])
+    return np.asarray(np.mean(np.array(REPORTED[name]) / _TORQUE) * robot.tau_max)
+
+
+def _file(name: str) -> Path:
+    return models_dir() / name / f"{name}.urdf"
+
+
 def load(
     name_or_path: str,
     X_WB: RigidTransform | None = None,
@@ -72,7 +91,7 @@ def load(
     posture: ArrayLike | None = home if np.size(home) else None
     path, more = Path(name_or_path), options or ModelOptions()
     if name_or_path in _HOME:
-        path = models_dir() / name_or_path / f"{name_or_path}.urdf"
+        path = _file(name_or_path)
         if posture is None and not more.joints:
             posture = np.deg2rad(_HOME[name_or_path])
     elif path.suffix.lower() not in (".urdf", ".sdf", ".xml"):

@@ -19,18 +19,13 @@ from pydrake.systems.framework import DiagramBuilder, InputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from saphari_drake.parameters import diagonal, require_choice, require_non_negative, require_within
+from saphari_drake.robots.catalog import reported_friction
 from saphari_drake.robots.model import RobotModel
 from saphari_drake.simulation.world.profile import Truth, joint_scale
 from saphari_drake.simulation.world.true_model import PAYLOAD_HEIGHT, PAYLOAD_RADIUS
 
 Array = NDArray[np.float64]
 COVER_STIFFNESS = 1.0e9  # N/m; in series with an obstacle it changes nothing
-# Nm and Nms/rad, friction reported for the LWR4's joints, and their torque limits (Nm).
-REPORTED = {
-    "coulomb": [11.9, 11.5, 8.98, 8.35, 8.31, 4.72, 6.04],
-    "viscous": [14.4, 15.3, 6.55, 11.0, 4.29, 2.26, 1.6],
-}
-LWR4_TORQUE = [176.0, 176.0, 100.0, 100.0, 100.0, 38.0, 38.0]
 STICK = 1.0e5  # Nms/rad; a joint that sticks creeps with load/STICK
 
 
@@ -94,15 +89,10 @@ def joint_friction(robot: RobotModel, params: PlantParameters, truth: Truth) -> 
     if share == 0.0:
         return coulomb, viscous
     dry, damping = (
-        diagonal(getattr(params, name) or _reported(robot, name), robot.n, name) for name in ("coulomb", "viscous")
+        diagonal(getattr(params, name) or reported_friction(robot, name), robot.n, name)
+        for name in ("coulomb", "viscous")
     )
     return coulomb + share * dry, viscous + share * damping
-
-
-def _reported(robot: RobotModel, name: str) -> Array:
-    if np.array_equal(robot.tau_max, LWR4_TORQUE):
-        return np.array(REPORTED[name])
-    return np.asarray(np.mean(np.array(REPORTED[name]) / LWR4_TORQUE) * robot.tau_max)
 
 
 def _change_inertia(plant: MultibodyPlant, robot: RobotModel, instance: ModelInstanceIndex, truth: Truth) -> None:

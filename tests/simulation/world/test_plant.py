@@ -5,9 +5,11 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from saphari_drake.robots.attached import ModelOptions
+from saphari_drake.robots.catalog import REPORTED, load, reported_friction
 from saphari_drake.robots.dynamics import evaluate_dynamics
 from saphari_drake.simulation.world.cell import add_cell
-from saphari_drake.simulation.world.plant import REPORTED, PlantParameters, joint_friction
+from saphari_drake.simulation.world.plant import PlantParameters, joint_friction
 from saphari_drake.simulation.world.profile import PlantProfile, Truth
 
 
@@ -71,3 +73,9 @@ def test_friction_that_is_not_stated_fits_any_number_of_joints(load_arm, name):
     assert np.mean((damping - robot.viscous) / robot.tau_max) == pytest.approx(0.06982, rel=1e-3)
     if name == "lwr4":
         np.testing.assert_array_equal(dry, REPORTED["coulomb"])
+
+
+def test_reported_friction_is_that_of_the_robot_whatever_its_torque_limits():
+    weak = load("lwr4", options=ModelOptions(effort_limits=[20.0] * 7))
+    assert not np.array_equal(weak.tau_max, load("lwr4").tau_max)
+    np.testing.assert_array_equal(reported_friction(weak, "viscous"), REPORTED["viscous"])
