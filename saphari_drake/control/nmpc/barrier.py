@@ -1,4 +1,4 @@
-"""The barrier 1/(d² − d_min²) of eq. (20), for one obstacle and for many at once."""
+"""The barrier 1/(d² − d_min²) of eq. (20), for one obstacle and for many at once; the pseudo-Huber cost of a pose."""
 
 import math
 

@@ -32,7 +32,7 @@ class HorizonData(NamedTuple):
     Q_v: Array  # (n,)
     Q_q: Array  # (n,)
     Q_e: Array  # (6,), position, orientation
-    pull: Array  # (2,), a third of the squared pose errors (m², rad²) where their costs become linear; 0: nowhere
+    pull: Array  # (2,) m², rad²; times the sum of three weights, the σ of `pseudo_huber` for position and orientation
     R_q: Array  # (n,)
     R_e: Array  # (6,)
     r_O: float
